@@ -882,6 +882,10 @@ class Vehicle:
         """
     def __reduce__(self, /) -> tuple[Any, tuple[dict]]: ...
     def __repr__(self, /) -> str: ...
+    def check_steerable(self, /) -> None:
+        """
+        Refuses what cannot be steered: raises `ValueError` that names the axes that its rotors do not turn apart.
+        """
     @staticmethod
     def from_dict(fields: Mapping) -> Vehicle:
         """
@@ -891,6 +895,12 @@ class Vehicle:
     def gains(self, /) -> dict:
         """
         Gains that fly it, published or derived: position, velocity (world), attitude, rate (body), 3 each, integral 2.
+        """
+    def hover(self, /) -> dict:
+        """
+        The attitude and the thrusts at which force and moment vanish: `attitude` [w, x, y, z] body to world, `thrusts` N, `lean` rad from
+        the vertical, `reserve` the least share of its largest thrust that a rotor keeps to either limit, `tightest` that rotor.
+        Raises `ValueError` with the row that cannot be met where there is none.
         """
     @property
     def inertia(self, /) -> Any:
@@ -911,6 +921,11 @@ class Vehicle:
     def name(self, /) -> str:
         """
         As in tables and messages.
+        """
+    @property
+    def oddities(self, /) -> list[str]:
+        """
+        What of its numbers is probably not meant: other units, an inertia that nobody gave, rotors that do not push up.
         """
     def to_dict(self, /) -> dict:
         """

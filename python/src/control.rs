@@ -93,6 +93,32 @@ impl Vehicle {
         settings::dict(py, &Table::try_from(self.0.gains()).map_err(unexpected)?)
     }
 
+    /// The attitude and the thrusts at which force and moment vanish: `attitude` [w, x, y, z] body to world, `thrusts` N, `lean` rad from
+    /// the vertical, `reserve` the least share of its largest thrust that a rotor keeps to either limit, `tightest` that rotor.
+    /// Raises `ValueError` with the row that cannot be met where there is none.
+    fn hover<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let hover = self.0.hover().or_raise()?;
+        let found = PyDict::new(py);
+        found.set_item("attitude", array(py, hover.attitude.to_vec(), &[4])?)?;
+        found.set_item("lean", hover.lean())?;
+        found.set_item("reserve", hover.reserve)?;
+        found.set_item("tightest", hover.tightest)?;
+        let n = hover.thrusts.len();
+        found.set_item("thrusts", array(py, hover.thrusts, &[n])?)?;
+        Ok(found)
+    }
+
+    /// Refuses what cannot be steered: raises `ValueError` that names the axes that its rotors do not turn apart.
+    fn check_steerable(&self) -> PyResult<()> {
+        self.0.check_steerable().or_raise()
+    }
+
+    /// What of its numbers is probably not meant: other units, an inertia that nobody gave, rotors that do not push up.
+    #[getter]
+    fn oddities(&self) -> Vec<String> {
+        self.0.oddities().iter().map(ToString::to_string).collect()
+    }
+
     fn __repr__(&self) -> String {
         format!("Vehicle('{}')", self.0.name)
     }

@@ -54,6 +54,7 @@ pub fn design(
     let gains = gains_of(gains)?.unwrap_or_else(|| vehicle.gains());
     let air = Disturbance { wind: wind.unwrap_or_default(), ..Disturbance::none() };
     let found = || {
+        vehicle.check_steerable()?;
         let plant = Plant::of_vehicle(&vehicle, physics)?;
         let trim = library::trim(&plant, &TrimTarget { air, ..TrimTarget::hover() })?;
         let linear = ErrorState::of_plant(&plant)?.state_space(&plant, &trim.state, &trim.input, trim.yaw_rate)?;

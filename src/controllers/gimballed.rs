@@ -156,7 +156,7 @@ impl Gimballed {
     /// The drone of a mount with the attitude and rate gains given, else those derived from the drone; yaw is left out.
     ///
     /// # Errors
-    /// As [`Cascade::new`].
+    /// As [`Cascade::new`]; [`Error::Value`] for a drone that leans in hover.
     pub fn new(system: &Multibody, mount: Mount, gains: Option<&Gains>, rates: &Rates) -> Result<Self> {
         let vehicle = carrier(system.model(), mount.drone)?;
         let mut gains = gains.copied().unwrap_or_else(|| vehicle.derived_gains());
@@ -168,6 +168,7 @@ impl Gimballed {
         }
         let dt = system.physics().dt;
         let mut cascade = Cascade::new(&vehicle, &gains, rates, dt)?;
+        cascade.model.axes.refuse(&vehicle)?;
         (cascade.model.gains.attitude[2], cascade.model.gains.rate[2]) = (0.0, 0.0);
         cascade.reset();
         Ok(Self {

@@ -6,8 +6,9 @@
 
 use super::kinematics::Kinematics;
 use crate::autodiff::Scalar;
-use crate::dynamics::spatial::{Quat, Vec3, conjugate, identity, multiply, rotate, rotate_back};
-use crate::dynamics::{Hover, Vehicle};
+use crate::dynamics::spatial::{Quat, Vec3, conjugate, identity, multiply, rotate, rotate_back, up_axis};
+use crate::dynamics::{Hover, Plant, Vehicle};
+use crate::error::{Error, Result};
 use crate::flight::Commanded;
 
 /// From body axes to those in which a vehicle hovers level.
@@ -24,6 +25,14 @@ impl HoverAxes<f64> {
         vehicle.hover().map_or(Self { leans: false, turn: identity() }, |hover| Self::at(&hover))
     }
 
+    /// Of the vehicle that a plant is; those of the body of an articulated one.
+    pub fn of_plant(plant: &Plant) -> Self {
+        match plant {
+            Plant::Rigid(m) => Self::of(m.vehicle()),
+            Plant::Tree(_) => Self { leans: false, turn: identity() },
+        }
+    }
+
     /// Of a hover.
     pub fn at(hover: &Hover) -> Self {
         Self { leans: !hover.is_level(), turn: hover.attitude }
@@ -32,6 +41,17 @@ impl HoverAxes<f64> {
     /// Whether hover leans.
     pub fn leans(&self) -> bool {
         self.leans
+    }
+
+    /// Refuses a vehicle that leans, for controllers that hold their drone level.
+    pub(super) fn refuse(&self, vehicle: &Vehicle) -> Result<()> {
+        if !self.leans {
+            return Ok(());
+        }
+        let lean = up_axis(self.turn)[2].clamp(-1.0, 1.0).acos().to_degrees();
+        let remedy = "Stand its rotors upright, or fly it without what it carries.";
+        let (what, value) = (format!("drone '{}': hover", vehicle.name), format!("leaning by {lean:.3} °"));
+        Err(Error::value(what, value, "level, to carry something on joints", remedy))
     }
 
     /// What levels commanded, of the body.

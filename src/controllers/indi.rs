@@ -23,8 +23,8 @@
 //! Source: Sun, Romero, Foehn, Kaufmann, Scaramuzza 2022 (flatness-based control with INDI, tilt-prioritised attitude of Brescianini
 //! and D'Andrea 2018); Smeur, Chu, de Croon 2016 (equal filters); the thrust of a falling vehicle is at least zero.
 
-use super::allocation::problem::{Problem, WRENCH};
 use super::allocation::AllocationFunction;
+use super::allocation::problem::{Problem, WRENCH};
 use super::attitude::Orientation;
 use super::believed::Believed;
 use super::cascade::{Rates, Schedule};

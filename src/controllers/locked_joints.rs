@@ -69,7 +69,7 @@ impl Controller for LockedJoints {
     }
 
     fn commanded(&self) -> Option<Commanded> {
-        Some(self.cascade.latched().commanded())
+        Some(self.cascade.model.axes.commanded(self.cascade.latched().commanded()))
     }
 
     fn tracked(&self, state: &[f64]) -> Kinematics<f64> {

@@ -2,7 +2,7 @@
 //!
 //! A map has a cell per interval of tilt and of body rate. A start of a cell has its root tilted by an angle of the first
 //! about a random horizontal axis, turning at a rate of the second about a random axis; joints are at rest,
-//! rotors at hover. It has **recovered** when it is back: within `BACK` of where it started, level within the same number of
+//! rotors at hover. It has **recovered** when it is back: within `BACK` of where it started, upright as in hover within the same number of
 //! radians, slower than `BACK` m/s and `2 BACK` rad/s, for a quarter of a second, all before the flight ends.
 //!
 //! Straight-line controllers fly 64 starts side by side, the next as soon as one is decided, others one by one in `f64`.
@@ -16,7 +16,7 @@ use super::reference::{Hover, Reference};
 use super::start::start_on;
 use crate::autodiff::System;
 use crate::autodiff::program::BLOCK;
-use crate::dynamics::spatial::{exponential, multiply, up_axis};
+use crate::dynamics::spatial::{exponential, multiply, rotate, rotate_back};
 use crate::dynamics::{Disturbance, Plant};
 use crate::error::{Error, Result};
 use crate::parallel::Threads;
@@ -370,7 +370,9 @@ impl Watch {
             return;
         }
         self.sunk = self.sunk.max(hover[2] - x(2));
-        let level = up_axis([x(6), x(7), x(8), x(9)])[2] > BACK.cos();
+        // what pointed up in hover
+        let up = rotate_back([hover[6], hover[7], hover[8], hover[9]], [0.0, 0.0, 1.0]);
+        let level = rotate([x(6), x(7), x(8), x(9)], up)[2] > BACK.cos();
         let still = norm(3, &[0.0; 3]) < BACK && norm(10, &[0.0; 3]) < 2.0 * BACK;
         if away >= BACK || !level || !still {
             self.since = None;

@@ -168,6 +168,7 @@ impl Lqr {
         let vehicle = carrier(model, 0)?;
         let gains = gains.copied().unwrap_or_else(|| vehicle.derived_gains());
         let mut cascade = Cascade::new(&vehicle, &gains, rates, system.physics().dt)?;
+        cascade.model.axes.refuse(&vehicle)?;
         cascade.model.body.mass = model.mass();
         cascade.reset();
         let actions = model.drones()[0].rotors.iter().map(|r| system.layout().rotor_action[*r]).collect();

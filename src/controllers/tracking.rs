@@ -95,7 +95,9 @@ impl TrackingCell {
     /// # Errors
     /// As [`Mixer::new`].
     pub fn is_feasible(&self, vehicle: &Vehicle) -> Result<bool> {
-        let (mixer, body, reference) = (Mixer::new(vehicle)?, BodyModel::of(vehicle), self.reference());
+        let vehicle = &vehicle.upright();
+        let (mixer, body, reference) =
+            (Mixer::new(vehicle)?.carrying(vehicle), BodyModel::of(vehicle), self.reference());
         let rows: [[f64; 4]; MAX_ROTORS] = mixer.padded()?;
         let lap = 2.0 * std::f64::consts::PI * self.speed / self.acceleration;
         Ok((0..SAMPLES).all(|k| {

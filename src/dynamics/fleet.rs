@@ -103,7 +103,7 @@ impl Fleet {
         self.downwash
     }
 
-    /// Level hover of each vehicle at its position, see [`Multirotor::hover_state`].
+    /// Hover of each vehicle at its position, see [`Multirotor::hover_state`].
     ///
     /// # Errors
     /// [`Error::Value`] if a vehicle cannot hover or there is not one position per vehicle.

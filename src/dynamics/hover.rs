@@ -6,7 +6,7 @@
 //! R F T = m g e_z      M T = 0      0 ≤ T ≤ T_max
 //! ```
 //!
-//! A vehicle hovers level where it can. A crooked rotor, props that are pitched forward or a base frame that is not level
+//! A vehicle hovers level where it can without stopping rotors. A crooked rotor, props that are pitched forward or a base frame that is not level
 //! make it lean: R turns d = F T/‖F T‖ upright, without a heading.
 //!
 //! Of many solutions the first of these is taken whose reserve is at least half of the largest: level with least ‖T‖; level with
@@ -22,7 +22,7 @@ use clarabel::algebra::CscMatrix;
 use clarabel::solver::{
     DefaultSettings, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus, SupportedConeT, ZeroConeT,
 };
-use nalgebra::{DMatrix, DVector, Vector3};
+use nalgebra::{DMatrix, DVector, Dyn, SVD, Vector3};
 
 /// What may be left of force and moment, as a share of the weight (moments over the rotors' lever): 1e-8 m/s², which a trim
 /// counts as steady.
@@ -35,6 +35,9 @@ const SLACK: f64 = 1e-9;
 const ENOUGH: f64 = 0.5;
 /// Most turns of the direction of the thrust: each takes the lean's square off what is left.
 const TURNS: usize = 30;
+
+/// Most steps of a decomposition; matrices of sixteen columns take a few dozen.
+const MOST_STEPS: usize = 10_000;
 
 /// A hover of a vehicle.
 #[derive(Debug, Clone, PartialEq)]
@@ -70,6 +73,10 @@ impl Vehicle {
     /// [`Error::Value`] if there is none: with the axes that its rotors do not turn apart, else with the row that cannot be met, and
     /// by how much.
     pub fn hover(&self) -> Result<Hover> {
+        if self.rotors.is_empty() {
+            let what = format!("vehicle '{}': number of rotors", self.name);
+            return Err(Error::value(what, 0, "≥ 1 to hover", "List the rotors under [[rotors]]."));
+        }
         let balance = Balance::of(self);
         let least = balance.level_least();
         // nothing keeps more than a half
@@ -78,12 +85,7 @@ impl Vehicle {
         }
         let leaning = balance.leaning_least();
         let start = leaning.as_ref().map_or_else(|| balance.strongest(), |(up, _)| *up);
-        let found = [
-            least,
-            balance.level_best(),
-            leaning.and_then(|(_, hover)| hover),
-            balance.leaning_best(start),
-        ];
+        let found = [least, balance.level_best(), leaning.and_then(|(_, hover)| hover), balance.leaning_best(start)];
         let most = found.iter().flatten().map(|hover| hover.reserve).fold(f64::NEG_INFINITY, f64::max);
         match found.into_iter().flatten().find(|hover| hover.reserve >= ENOUGH * most) {
             Some(hover) => Ok(hover),
@@ -196,7 +198,7 @@ impl Balance {
     /// The least-norm solution of B T = (0, 0, m g, 0, 0, 0). Rows of upright rotors' horizontal forces are zero and drop out; tilted
     /// rotors balance theirs.
     fn level_least(&self) -> Option<Hover> {
-        let svd = self.matrix.clone().svd(true, true);
+        let svd = decomposed(self.matrix.clone())?;
         let thrusts = svd.solve(&self.level_wrench(), RANK * svd.singular_values.max()).ok()?;
         if self.is_level(&thrusts) { self.within(thrusts, true) } else { None }
     }
@@ -206,7 +208,7 @@ impl Balance {
         let rows = DMatrix::from_fn(6, self.n(), |i, j| self.matrix[(i, j)] / scale[i]);
         let thrusts = self.roomiest(&rows, &self.level_wrench().component_div(&scale))?;
         // an interior point meets the rows to a part in 10⁸: the rest by the least change
-        let svd = self.matrix.clone().svd(true, true);
+        let svd = decomposed(self.matrix.clone())?;
         let left = self.level_wrench() - &self.matrix * &thrusts;
         let thrusts = thrusts + svd.solve(&left, RANK * svd.singular_values.max()).ok()?;
         if self.is_level(&thrusts) { self.within(thrusts, true) } else { None }
@@ -219,7 +221,7 @@ impl Balance {
         if free.ncols() == 0 {
             return None;
         }
-        let svd = (forces * &free).svd(false, true);
+        let svd = decomposed(forces * &free)?;
         let strongest = svd.singular_values.imax();
         let most = svd.singular_values[strongest];
         if most <= RANK {
@@ -290,7 +292,12 @@ impl Balance {
         let lift = self.force(&self.most).dot(&up.normalize());
         if lift < self.weight {
             let value = format!("short of lift: {lift:.3} N at most for a weight of {:.3} N", self.weight);
-            return Error::value(what, value, rule, "Take mass off, or give it stronger rotors: max_speed or thrust_coefficient.");
+            return Error::value(
+                what,
+                value,
+                rule,
+                "Take mass off, or give it stronger rotors: max_speed or thrust_coefficient.",
+            );
         }
         let n = self.n();
         let (rows, right) = self.along(&up.normalize());
@@ -306,7 +313,12 @@ impl Balance {
         let left = solved(&cost, &vec![0.0; n], &a, &b, 1)
             .map(|shares| scaled.rows(1, 3) * DVector::from_vec(shares) * (self.weight * self.length));
         let Some(left) = left else {
-            return Error::value(what, "without a solution", rule, "Check rotor positions, spins, thrust coefficients and the mass.");
+            return Error::value(
+                what,
+                "without a solution",
+                rule,
+                "Check rotor positions, spins, thrust coefficients and the mass.",
+            );
         };
         let row = left.iamax();
         let c = vehicle.mass_properties().center_of_mass;
@@ -323,17 +335,21 @@ impl Balance {
 /// Moments about body x, y, z.
 const MOMENTS: [&str; 3] = ["roll", "pitch", "yaw"];
 
+/// Singular values with their vectors; `None` where they are not found in a bounded number of steps.
+fn decomposed(matrix: DMatrix<f64>) -> Option<SVD<f64, Dyn, Dyn>> {
+    matrix.try_svd(true, true, 5.0 * f64::EPSILON, MOST_STEPS)
+}
+
 /// An orthonormal basis of all x with A x = 0.
 fn null_space(a: &DMatrix<f64>) -> DMatrix<f64> {
     let n = a.ncols();
     // a square matrix has all right vectors in its decomposition
     let mut square = DMatrix::zeros(n.max(a.nrows()), n);
     square.rows_mut(0, a.nrows()).copy_from(a);
-    let svd = square.svd(false, true);
+    let Some(svd) = decomposed(square) else { return DMatrix::zeros(n, 0) };
     let floor = RANK * svd.singular_values.max();
     let Some(right) = svd.v_t else { return DMatrix::zeros(n, 0) };
-    let free: Vec<_> =
-        (0..n).filter(|k| svd.singular_values[*k] <= floor).map(|k| right.row(k).transpose()).collect();
+    let free: Vec<_> = (0..n).filter(|k| svd.singular_values[*k] <= floor).map(|k| right.row(k).transpose()).collect();
     if free.is_empty() { DMatrix::zeros(n, 0) } else { DMatrix::from_columns(&free) }
 }
 

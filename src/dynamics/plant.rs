@@ -7,7 +7,7 @@ use super::multirotor::{Multirotor, Physics};
 use super::rigid::{self, RIGID_DIM};
 use super::spatial::multiply;
 use super::tree::{self, Model, Motion, Multibody, TreePlace, carrier};
-use super::vehicle::{Rotor, Vehicle};
+use super::vehicle::{GRAVITY, Rotor, Vehicle};
 use crate::autodiff::{Scalar, StridedView, StridedViewMut, System};
 use crate::error::{Error, Result};
 
@@ -320,7 +320,7 @@ impl Plant {
     }
 
     /// Every joint at rest at the origin (or where the model says), rotors at the speeds that carry the weight: of a vehicle, also one
-    /// that is a body of a tree alone, attitude and thrusts of [`Vehicle::hover`]; of other trees level, with the same share of every rotor's
+    /// that is a body of a tree alone under usual gravity, attitude and thrusts of [`Vehicle::hover`]; of other trees level, with the same share of every rotor's
     /// largest thrust.
     ///
     /// # Errors
@@ -403,7 +403,8 @@ fn lone_vehicle(model: &Model, tree: &TreePlace) -> Option<Vehicle> {
     let floats = model.bodies()[root].joint.motion == Motion::Floating;
     let number = model.drones().iter().position(|drone| drone.body == root)?;
     let lone = tree.bodies.len() == 1 && model.drones()[number].rotors.len() == tree.rotors.len();
-    (floats && lone).then(|| carrier(model, number).ok()).flatten()
+    let usual = model.parts().gravity == GRAVITY && !tree.rotors.is_empty();
+    (floats && lone && usual).then(|| carrier(model, number).ok()).flatten()
 }
 
 fn array(x: &[f64]) -> [f64; 4] {

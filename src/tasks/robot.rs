@@ -143,13 +143,28 @@ impl Robot {
     fn of_plant(plant: Plant, drones: Vec<DronePlace>, vehicle: Option<Vehicle>) -> Result<Self> {
         let (rest, roots) = (plant.hover_state()?, plant.roots());
         let at = |state: &[f64], root: usize| [6, 7, 8, 9].map(|k| state[root + k]);
-        let level = plant.tree().map_or_else(|| [[0.0; 6], [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]].concat(), Multibody::rest_state);
-        let lean = |root: &usize| {
-            let floats = root + 10 <= level.len();
-            let turn = floats.then(|| (at(&level, *root), at(&rest, *root))).filter(|(level, own)| level != own)?;
+        let level =
+            plant.tree().map_or_else(|| [[0.0; 6], [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]].concat(), Multibody::rest_state);
+        let floats = |tree: usize| {
+            plant.tree().is_none_or(|m| {
+                let root = m.layout().trees[tree].bodies.start;
+                m.model().bodies()[root].joint.motion == tree::Motion::Floating
+            })
+        };
+        let lean = |(tree, root): (usize, &usize)| {
+            let turn =
+                floats(tree).then(|| (at(&level, *root), at(&rest, *root))).filter(|(level, own)| level != own)?;
             Some(multiply(conjugate(turn.0), turn.1))
         };
-        Ok(Self { leans: roots.iter().map(lean).collect(), rest, roots, plant, vehicle, drones, varied: Vec::new() })
+        Ok(Self {
+            leans: roots.iter().enumerate().map(lean).collect(),
+            rest,
+            roots,
+            plant,
+            vehicle,
+            drones,
+            varied: Vec::new(),
+        })
     }
 
     /// The attitude of a tree's root for one of the axes in which it hovers level.

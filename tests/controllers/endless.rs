@@ -41,7 +41,8 @@ fn drawn(episode: u64) -> (Vehicle, Gains, usize) {
         rate: each(gains.rate, &mut factor),
         ..gains
     };
-    let latency = stream.below(if episode % 10 == 0 { 30 } else { 11 }) as usize + if episode % 10 == 0 { 11 } else { 0 };
+    let latency =
+        stream.below(if episode % 10 == 0 { 30 } else { 11 }) as usize + if episode % 10 == 0 { 11 } else { 0 };
     (vehicle, gains, latency)
 }
 

@@ -205,7 +205,8 @@ fn a_steady_wind_leaves_no_offset() {
             };
             let flight = omnidrones::controllers::fly_vehicle(&vehicle, &vehicle.gains(), &plan, &mut |_| {}).unwrap();
             let errors = flight.log.tracking_error();
-            let after: Vec<_> = errors.iter().zip(&flight.log.time).filter(|(_, t)| **t > 15.0).map(|(e, _)| *e).collect();
+            let after: Vec<_> =
+                errors.iter().zip(&flight.log.time).filter(|(_, t)| **t > 15.0).map(|(e, _)| *e).collect();
             let size = |e: &[f64; 3]| e.iter().map(|e| e * e).sum::<f64>().sqrt();
             let mean = [0, 1, 2].map(|k| after.iter().map(|e| e[k]).sum::<f64>() / after.len() as f64);
             let (offset, most) = (size(&mean), after.iter().map(size).fold(0.0, f64::max));

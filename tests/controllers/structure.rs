@@ -187,9 +187,12 @@ fn linear(vehicle: &Vehicle) -> StateSpace {
 
 #[test]
 fn axes_that_commands_do_not_turn_apart_are_named_by_lqr_and_lqi_alike() {
-    let pairs = [([1.0, 1.0, -1.0, -1.0], None), ([1.0, -1.0, -1.0, 1.0], Some("_x")), ([1.0, -1.0, 1.0, -1.0], Some("_y"))];
+    let pairs =
+        [([1.0, 1.0, -1.0, -1.0], None), ([1.0, -1.0, -1.0, 1.0], Some("_x")), ([1.0, -1.0, 1.0, -1.0], Some("_y"))];
     for (spins, with_yaw) in pairs {
-        for (mass, inertia) in [(1.0, [0.008, 0.008, 0.014]), (1.3, [0.0081, 0.0093, 0.0141]), (0.03, [2e-5, 2e-5, 3e-5])] {
+        for (mass, inertia) in
+            [(1.0, [0.008, 0.008, 0.014]), (1.3, [0.0081, 0.0093, 0.0141]), (0.03, [2e-5, 2e-5, 3e-5])]
+        {
             for way in [1.0, -1.0] {
                 let vehicle = quadrotor(spins.map(|s| way * s), mass, inertia);
                 let reach = unreachable(&linear(&vehicle)).unwrap();
@@ -285,6 +288,8 @@ fn what_q_does_not_see_is_named_too() {
 #[test]
 fn a_loop_of_axes_that_commands_do_not_turn_apart_is_marginal_by_their_names() {
     let vehicle = quadrotor([1.0, -1.0, -1.0, 1.0], 1.0, [0.008, 0.008, 0.014]);
-    let Stability::Marginal(what) = hovering(&vehicle, &vehicle.gains()).stability().unwrap() else { panic!("settles") };
+    let Stability::Marginal(what) = hovering(&vehicle, &vehicle.gains()).stability().unwrap() else {
+        panic!("settles")
+    };
     assert_eq!(what, ["angular_velocity_z − 0.061 angular_velocity_x", "attitude_z − 0.061 attitude_x"]);
 }

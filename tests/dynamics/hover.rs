@@ -47,7 +47,17 @@ fn a_rotor_that_leans_by_any_angle_is_held_by_a_vehicle_that_leans() {
                 vehicle.rotors[0].axis = [s * f64::cos(about), s * f64::sin(about), c];
                 let vehicle = vehicle.turned(quarter(turns));
                 let vehicle = if mirror { mirrored(&vehicle) } else { vehicle };
-                let hover = vehicle.hover().unwrap();
+                let hover = match vehicle.hover() {
+                    Ok(hover) => hover,
+                    Err(error) => {
+                        // across its arm a rotor turns the vehicle by more than four hold
+                        assert!(
+                            degrees > 9.0 && !six && error.to_string().contains("yaw moment"),
+                            "{degrees}°: {error}"
+                        );
+                        continue;
+                    }
+                };
                 let (off, lean) = (left(&vehicle, &hover), hover.lean().to_degrees());
                 // measured: 7e-16 where it leans; what counts as level leaves 4e-11 of 1e-8°
                 assert!(off < 1e-9, "{degrees}° {six}: {off:e}");
@@ -130,7 +140,9 @@ fn a_load_off_the_centre_of_six_rotors_is_carried_within_their_limits() {
                     let most = vehicle.rotors.iter().zip(&hover.thrusts).map(|(r, t)| t / r.max_thrust());
                     assert!(most.clone().all(|share| (0.0..=1.0).contains(&share)), "{x} {y}: {hover:?}");
                 }
-                Err(error) => assert!(error.to_string().contains("pitch") || error.to_string().contains("roll"), "{error}"),
+                Err(error) => {
+                    assert!(error.to_string().contains("pitch") || error.to_string().contains("roll"), "{error}")
+                }
             }
         }
     }

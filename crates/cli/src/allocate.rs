@@ -7,6 +7,7 @@ use super::page::{Fact, Page, short};
 use super::robot;
 use super::source;
 use super::table::{Align, Table, number};
+use nalgebra::DMatrix;
 use omnidrones::controllers::allocation::characteristic_length;
 use omnidrones::controllers::allocation::failure;
 use omnidrones::controllers::allocation::problem::{Problem, WRENCH, balanced_weights};
@@ -14,6 +15,8 @@ use omnidrones::controllers::allocation::{
     AllocationSensitivity, AllocationSolution, Allocator, AttainableWrenches, Axis, PrioritisedAllocator, Variation,
     WrenchMargin, wrench_matrix,
 };
+use omnidrones::dynamics::hover::BALANCED;
+use omnidrones::dynamics::spatial::rotate;
 use omnidrones::dynamics::tree::Multibody;
 use omnidrones::dynamics::{GRAVITY, Physics};
 use omnidrones::error::{Error, Result};
@@ -84,6 +87,8 @@ struct Subject {
     weight: f64,
     /// What holds the weight: of a vehicle in the attitude of its hover, body axes.
     hover: [f64; WRENCH],
+    /// Of a vehicle that leans in hover: its geometry in the axes in which it hovers level, and the turn to those.
+    upright: Option<(DMatrix<f64>, [f64; 4])>,
     /// What is wrong with it, whatever the wrench.
     warnings: Vec<String>,
 }
@@ -99,9 +104,11 @@ impl Subject {
         let weight = vehicle.mass_properties().mass * GRAVITY;
         let hover = failure::hover(&vehicle);
         let warnings = source::verdicts(&vehicle);
+        let leaning = vehicle.hover().ok().filter(|hover| !hover.is_level());
+        let upright = leaning.map(|hover| (vehicle.upright().allocation_matrix(), hover.attitude));
         let rotors = vehicle.rotors.iter().map(|r| r.name.clone()).collect();
         let largest = problem.upper.clone();
-        Ok(Self { name: vehicle.name, rotors, largest, problem, weight, hover, warnings })
+        Ok(Self { name: vehicle.name, rotors, largest, problem, weight, hover, upright, warnings })
     }
 
     fn robot(a: &Arguments) -> Result<Self> {
@@ -117,7 +124,18 @@ impl Subject {
         let rotors = model.rotors().iter().map(|r| r.rotor.name.clone()).collect();
         let weight = model.mass() * GRAVITY;
         let hover = [0.0, 0.0, weight, 0.0, 0.0, 0.0];
-        Ok(Self { name: model.name().into(), rotors, problem, largest, weight, hover, warnings: Vec::new() })
+        let (name, warnings) = (model.name().into(), Vec::new());
+        Ok(Self { name, rotors, problem, largest, weight, hover, upright: None, warnings })
+    }
+
+    /// Problem, wrench and hover in the axes in which it hovers level: margins are asked there.
+    fn in_hover_axes(&self, wanted: [f64; WRENCH]) -> (Problem, [f64; WRENCH], [f64; WRENCH]) {
+        let Some((geometry, turn)) = &self.upright else { return (self.problem.clone(), wanted, self.hover) };
+        let turned = |w: [f64; WRENCH]| {
+            let [force, moment] = [rotate(*turn, [w[0], w[1], w[2]]), rotate(*turn, [w[3], w[4], w[5]])];
+            [force[0], force[1], force[2], moment[0], moment[1], moment[2]]
+        };
+        (Problem { geometry: geometry.clone(), ..self.problem.clone() }, turned(wanted), turned(self.hover))
     }
 
     /// Lowers the upper bounds of what fails.
@@ -165,12 +183,13 @@ impl Answer {
             *u = u.clamp(*lo, *hi);
         }
         let clipped_wrench = problem.delivered(&clipped);
-        let axes = if wanted[..2].iter().any(|f| *f != 0.0) { &Axis::ALL[..] } else { &Axis::STEERED[..] };
+        let (problem, asked, hover) = subject.in_hover_axes(wanted);
+        let sideways = asked[..2].iter().any(|f| f.abs() > BALANCED * subject.weight);
+        let axes = if sideways { &Axis::ALL[..] } else { &Axis::STEERED[..] };
         // too many rotors to enumerate: the answer stands without a margin
-        let set = AttainableWrenches::of(problem, axes).ok();
-        let reach = set.as_ref().map(|set| WrenchMargin::within(problem, set, &wanted)).transpose()?;
-        let hover = subject.hover;
-        let away: [f64; WRENCH] = std::array::from_fn(|k| wanted[k] - hover[k]);
+        let set = AttainableWrenches::of(&problem, axes).ok();
+        let reach = set.as_ref().map(|set| WrenchMargin::within(&problem, set, &asked)).transpose()?;
+        let away: [f64; WRENCH] = std::array::from_fn(|k| asked[k] - hover[k]);
         let share = set.and_then(|set| set.farthest(&hover, &away));
         Ok(Self { wanted, solution, delivered, clipped, clipped_wrench, reach, share, length })
     }

@@ -16,9 +16,7 @@ use omnidrones::controllers::cascade::Rates;
 use omnidrones::controllers::design::{
     ErrorState, LoopMargins, LoopModel, Point, Robustness, Stability, Trim, TrimTarget, trim,
 };
-use omnidrones::controllers::linear::{
-    DiskMargin, Hidden, Mode, ON_CIRCLE, Signal, StateSpace, modes, unreachable,
-};
+use omnidrones::controllers::linear::{DiskMargin, Hidden, Mode, ON_CIRCLE, Signal, StateSpace, modes, unreachable};
 use omnidrones::controllers::reference::{Hover, Reference};
 use omnidrones::controllers::{ClosedLoop, Target};
 use omnidrones::dynamics::spatial::to_euler;
@@ -202,6 +200,7 @@ fn findings(
     air: &Disturbance<f64>,
     quiet: bool,
 ) -> Result<Findings> {
+    vehicle.check_steerable()?;
     let plant = Plant::of_vehicle(vehicle, physics)?;
     let trim = trim(&plant, &TrimTarget { air: *air, ..TrimTarget::hover() })?;
     let linear = ErrorState::of_plant(&plant)?.state_space(&plant, &trim.state, &trim.input, trim.yaw_rate)?;

@@ -4,9 +4,9 @@ use super::page::{Fact, Page, duration, length, short};
 use super::table::{Align, Table, number};
 use clap::Args;
 use omnidrones::controllers::allocation::WrenchMargin;
-use omnidrones::controllers::allocation::failure::{LEAST_MARGIN, health, hover};
+use omnidrones::controllers::allocation::failure::{LEAST_MARGIN, health};
 use omnidrones::controllers::{Assessment, Capability, FailureTable, Flight, FlightPlan, RotorFailure};
-use omnidrones::dynamics::Vehicle;
+use omnidrones::dynamics::{GRAVITY, Vehicle};
 use omnidrones::error::{Error, Result};
 use serde_json::{Value, json};
 
@@ -128,7 +128,7 @@ impl Story {
 
     /// The section of a page.
     pub fn page(&self, page: &mut Page, vehicle: &Vehicle, plan: &FlightPlan) {
-        let weight = hover(vehicle)[2];
+        let weight = vehicle.mass_properties().mass * GRAVITY;
         let mut facts = Vec::new();
         for (at, left) in &self.stages {
             for failure in plan.failures.iter().filter(|f| f.at == *at) {
@@ -227,7 +227,7 @@ fn signed(v: f64) -> String {
 /// Every single loss as a table, every double one counted.
 pub fn sheet(page: &mut Page, vehicle: &Vehicle) -> Result<()> {
     let table = FailureTable::of(vehicle)?;
-    let weight = hover(vehicle)[2];
+    let weight = vehicle.mass_properties().mass * GRAVITY;
     let mut rows = Table::new(&[
         ("lost", Align::Left),
         ("what is left", Align::Left),
@@ -290,7 +290,7 @@ fn assessment_json(vehicle: &Vehicle, a: &Assessment) -> Value {
         "capability": a.capability,
         "margin": a.steered.margin.distance,
         "margin_without_yaw": a.without_yaw.margin.distance,
-        "lift_over_weight": a.lift / hover(vehicle)[2],
+        "lift_over_weight": a.lift / (vehicle.mass_properties().mass * GRAVITY),
         "rank": a.steered.rank,
     })
 }

@@ -79,7 +79,8 @@ pub fn run(a: &Arguments) -> Result<Report> {
         written.push(to.clone());
     }
     if a.json {
-        let warnings: Vec<String> = imported.import.warnings.iter().map(ToString::to_string).collect();
+        let odd = imported.import.warnings.iter().map(ToString::to_string);
+        let warnings: Vec<String> = odd.chain(source::verdicts(&imported.import.vehicle)).collect();
         let value = json!({
             "command": "import",
             "file": a.file.display().to_string(),
@@ -161,7 +162,7 @@ fn page(a: &Arguments, imported: &Imported, written: &[PathBuf]) -> String {
     sheet::rotors(&mut page, vehicle);
     let gains = gains(vehicle);
     page.heading("Gains").table(&sheet::gains_table(vehicle, &[gains]));
-    let texts: Vec<String> = warnings.iter().map(ToString::to_string).collect();
+    let texts: Vec<String> = warnings.iter().map(ToString::to_string).chain(source::verdicts(vehicle)).collect();
     list(&mut page, "Odd in the file", "nothing", &texts);
     list(&mut page, "Assumed, not read", "nothing", assumptions);
     if !written.is_empty() {

@@ -5,8 +5,8 @@ use super::table::{Align, Table, number};
 use nalgebra::DMatrix;
 use omnidrones::controllers::Mixer;
 use omnidrones::dynamics::rotor::ROTOR_PARAMETERS;
-use omnidrones::dynamics::{GRAVITY, Gains, Hover, Rotor, Vehicle};
 use omnidrones::dynamics::spatial::to_euler;
+use omnidrones::dynamics::{GRAVITY, Gains, Hover, Rotor, Vehicle};
 use omnidrones::error::{Error, Result};
 use serde_json::{Value, json};
 
@@ -291,7 +291,8 @@ pub fn json(vehicle: &Vehicle) -> Result<Value> {
     let total = vehicle.mass_properties();
     let rows = |m: &DMatrix<f64>| -> Vec<Vec<f64>> { m.row_iter().map(|r| r.iter().copied().collect()).collect() };
     let inertia: Vec<Vec<f64>> = total.inertia.row_iter().map(|r| r.iter().copied().collect()).collect();
-    let mixer = Mixer::new(vehicle)?;
+    let upright = &vehicle.upright();
+    let mixer = Mixer::new(upright)?.carrying(upright);
     let mut value = KeyFigures::of(vehicle).json(vehicle);
     value["center_of_mass"] = json!(total.center_of_mass.as_slice());
     value["inertia"] = json!(inertia);

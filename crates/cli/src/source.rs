@@ -3,8 +3,9 @@
 use super::arguments::{VehicleArguments, is_path};
 use super::files;
 use super::page::{Page, shown};
+use omnidrones::controllers::CascadeModel;
 use omnidrones::dynamics::urdf::{Import, ImportOptions, RotorFile, import_file, import_text, rotor_file_beside};
-use omnidrones::dynamics::{Vehicle, configurations, vehicles};
+use omnidrones::dynamics::{MAX_ROTORS, Vehicle, configurations, vehicles};
 use omnidrones::error::{Error, Result};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -79,10 +80,11 @@ pub fn load(named: Option<&str>, arguments: &VehicleArguments) -> Result<Source>
     }
 }
 
-/// What keeps a vehicle from being flown: axes that its rotors do not turn apart, or no hover.
+/// What keeps a vehicle from being flown, as 'fly' says it: axes that its rotors do not turn apart, no hover, too little thrust.
 pub fn verdicts(vehicle: &Vehicle) -> Vec<String> {
-    let refused = vehicle.check_steerable().and_then(|()| vehicle.hover().map(drop));
-    refused.err().iter().map(ToString::to_string).collect()
+    let hovers = vehicle.check_steerable().and_then(|()| vehicle.hover());
+    let flown = hovers.and_then(|_| CascadeModel::<f64, MAX_ROTORS>::new(vehicle, &vehicle.gains()));
+    flown.err().iter().map(ToString::to_string).collect()
 }
 
 /// Import options from the arguments; `--rotors` is there.
@@ -113,9 +115,9 @@ pub fn rotor_source(urdf: &Path, options: &ImportOptions) -> String {
 
 fn imported(import: Import, origin: String, file: Option<&Path>) -> Source {
     Source {
+        warnings: import.warnings.iter().map(ToString::to_string).chain(verdicts(&import.vehicle)).collect(),
         vehicle: import.vehicle,
         origin,
-        warnings: import.warnings.iter().map(ToString::to_string).collect(),
         assumptions: import.assumptions,
         file: file.map(Path::to_path_buf),
     }
@@ -123,7 +125,8 @@ fn imported(import: Import, origin: String, file: Option<&Path>) -> Source {
 
 fn told(vehicle: Vehicle, origin: String, file: Option<&Path>) -> Source {
     let file = file.map(Path::to_path_buf);
-    let warnings = vehicle.oddities().iter().map(ToString::to_string).collect();
+    let odd = vehicle.oddities().into_iter().map(|odd| odd.to_string());
+    let warnings = odd.chain(verdicts(&vehicle)).collect();
     Source { vehicle, origin, warnings, assumptions: Vec::new(), file }
 }
 

@@ -256,7 +256,10 @@ impl Described {
         let lean = self.env.robot().hover_lean();
         if lean > 0.0 {
             let most = 0.25 * (1.0 + lean.cos()).powi(2);
-            let note = format!("in hover, where episodes start: what is rewarded for body z upright is {} of its most", short(most, 4));
+            let note = format!(
+                "in hover, where episodes start: what is rewarded for body z upright is {} of its most",
+                short(most, 4)
+            );
             facts.push(Fact::new("leans", format!("{} °", short(lean.to_degrees(), 3))).note(note));
         }
         if spec.n_central > 0 {

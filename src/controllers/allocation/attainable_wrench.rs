@@ -17,9 +17,9 @@
 //! multirotor is controllable with its bounds. There moments are not divided by a length;
 //! [`AttainableWrenches::with_length`] with 1 m gives their numbers.
 
+use super::problem::{Problem, WRENCH};
 use super::{Axis, characteristic_length};
 use crate::dynamics::authority::Rows;
-use super::problem::{Problem, WRENCH};
 use crate::error::{Error, Result};
 use std::fmt;
 

@@ -8,8 +8,8 @@
 //! Where the margin with yaw is negative, hover leaves a yaw moment, and the vehicle spins up until drag holds it; how
 //! fast is not part of the analysis.
 
-use super::attainable_wrench::{AttainableWrenches, WrenchMargin};
 use super::Axis;
+use super::attainable_wrench::{AttainableWrenches, WrenchMargin};
 use super::problem::{Problem, WRENCH};
 use super::spin::Spin;
 pub use crate::dynamics::plant::damaged;

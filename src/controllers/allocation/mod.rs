@@ -37,13 +37,13 @@ pub mod residual;
 pub(crate) mod spin;
 pub(crate) mod variation;
 
+pub use crate::dynamics::authority::{Authority, Axis, characteristic_length};
 pub use allocator::{AllocationSolution, Allocator, Counts, Reason, Settings, Solver};
 pub use articulated::{composite_inertia, resistance, wrench_matrix};
 pub use attainable_wrench::{AttainableWrenches, Facet, Margin, WrenchMargin};
 pub use batch::{BatchAllocator, BatchReport};
 pub use failure::{Assessment, Capability, FailureTable, RotorFailure};
 pub use function::AllocationFunction;
-pub use crate::dynamics::authority::{Authority, Axis, characteristic_length};
 pub use gradient::AllocationSensitivity;
 pub use null_space::NullSpaceAllocator;
 pub use prioritised::{PrioritisedAllocator, PrioritisedCounts, PrioritisedSolution};

@@ -1,11 +1,11 @@
 //! The mixer: least thrusts that make a wrench.
 
 use super::{Authority, Axis};
-use crate::dynamics::authority::{RANK_TOLERANCE, decompose};
 use crate::autodiff::Scalar;
-use crate::dynamics::{GRAVITY, Vehicle};
+use crate::dynamics::authority::{RANK_TOLERANCE, decompose};
 use crate::dynamics::rotor::thrust_action;
 use crate::dynamics::spatial::dot;
+use crate::dynamics::{GRAVITY, Vehicle};
 use crate::error::{Error, Result};
 
 /// Thrusts nearer than this share of T_max are the same: rounding differs by 1e-15.
@@ -54,7 +54,8 @@ impl Mixer {
 
     /// The same with thrust shared as in the hover of a vehicle that hovers level, T = T_hover F_z/(m g), where least thrusts do not hover:
     /// a load off the centre would ask some rotors for less than nothing.
-    pub(crate) fn carrying(mut self, vehicle: &Vehicle) -> Self {
+    #[must_use]
+    pub fn carrying(mut self, vehicle: &Vehicle) -> Self {
         let weight = vehicle.mass_properties().mass * GRAVITY;
         let Ok(hover) = vehicle.hover() else { return self };
         let other = |(i, thrust): (usize, &f64)| {

@@ -171,7 +171,8 @@ impl LoopModel {
         let (step, own, n) = (&self.steps[0], self.measurements.len(), self.n_state());
         let a = step.a.view((0, 0), (own, own)).into_owned();
         let b = beside(&step.a.view((0, own), (own, n - own)).into_owned(), &step.by_command.rows(0, own).into_owned());
-        let c = stacked(&step.a.view((own, 0), (n - own, own)).into_owned(), &step.commanded.columns(0, own).into_owned());
+        let c =
+            stacked(&step.a.view((own, 0), (n - own, own)).into_owned(), &step.commanded.columns(0, own).into_owned());
         let d = DMatrix::zeros(c.nrows(), b.ncols());
         StateSpace::new(a, b, c, d, Some(self.dt))
     }

@@ -150,7 +150,12 @@ fn doubled<T: RealField + Copy>(
 }
 
 /// Checks sizes, numbers and signs; G = B R⁻¹ Bᵀ.
-pub(super) fn check<T: RealField + Copy>(a: &DMatrix<T>, b: &DMatrix<T>, q: &DMatrix<T>, r: &DMatrix<T>) -> Result<DMatrix<T>> {
+pub(super) fn check<T: RealField + Copy>(
+    a: &DMatrix<T>,
+    b: &DMatrix<T>,
+    q: &DMatrix<T>,
+    r: &DMatrix<T>,
+) -> Result<DMatrix<T>> {
     let (n, m) = (a.nrows(), b.ncols());
     size("A", a, (n, n))?;
     size("B", b, (n, m))?;

@@ -9,6 +9,7 @@ use crate::autodiff::{Objective, Scalar, System};
 use crate::controllers::cascade_law::CascadeLaw;
 use crate::controllers::closed_loop::ClosedLoop;
 use crate::controllers::controller::Target;
+use crate::controllers::hover_axes::HoverAxes;
 use crate::controllers::law::{ControlLaw, Running};
 use crate::controllers::parameters::GainSet;
 use crate::controllers::reference::{Reference, Setpoint};
@@ -159,6 +160,7 @@ pub(super) fn starts(
     let wanted = reference.sample(0.0);
     let hover = start_on(system.plant(), system.controller(), reference)?;
     let (lean, turning) = along(&wanted);
+    let axes = HoverAxes::of_plant(system.plant());
     let one = |i: usize| {
         let mut stream = Stream::new(plan.seed, i as u64, set + 2 * of as u64, Purpose::RESET);
         let mut state = hover.clone();
@@ -169,7 +171,7 @@ pub(super) fn starts(
         }
         let (roll, pitch) = (draw(plan.tilt_spread), draw(plan.tilt_spread));
         let yaw = wanted.yaw + draw(2.0 * plan.tilt_spread);
-        let attitude = multiply(lean, from_euler(roll, pitch, yaw));
+        let attitude = axes.attitude(multiply(lean, from_euler(roll, pitch, yaw)));
         state[6..10].copy_from_slice(&attitude);
         state[10..13].copy_from_slice(&rotate_back(attitude, turning));
         system.initial_state(&state)

@@ -129,7 +129,9 @@ fn pencil(a: &DMatrix<f64>, e: &DMatrix<f64>) -> Option<Vec<(Complex<f64>, f64)>
     })?;
     let [re, im, over] = [re.column_vector(), im.column_vector(), over.column_vector()];
     let all = re.iter().zip(im.iter()).zip(over.iter());
-    let known = |((re, im), over): ((&f64, &f64), &f64)| (![re, im, over].iter().any(|v| v.is_nan())).then_some((Complex::new(*re, *im), *over));
+    let known = |((re, im), over): ((&f64, &f64), &f64)| {
+        (![re, im, over].iter().any(|v| v.is_nan())).then_some((Complex::new(*re, *im), *over))
+    };
     all.map(known).collect()
 }
 

@@ -189,7 +189,8 @@ impl Parts {
         let outer = Staircase::of(system.a(), system.b())?;
         let diagonal = |values: Vec<f64>| DMatrix::from_diagonal(&values.into());
         let inverse = |scale: &[f64]| diagonal(scale.iter().map(|s| 1.0 / s).collect());
-        let (to, back) = (outer.reached.transpose() * inverse(&outer.scale), diagonal(outer.scale.clone()) * &outer.reached);
+        let (to, back) =
+            (outer.reached.transpose() * inverse(&outer.scale), diagonal(outer.scale.clone()) * &outer.reached);
         let (a, c) = (&to * system.a() * &back, system.c() * &back);
         let inner = Staircase::of(&a.transpose(), &c.transpose())?;
         let unseen = inner.lasting_basis()?.map(|(poles, basis)| {
@@ -225,10 +226,8 @@ fn comparable(a: &DMatrix<f64>, b: &DMatrix<f64>) -> (Vec<f64>, Vec<f64>) {
         let rows: Vec<f64> = (0..n).map(|i| most(&mut (0..m).map(|j| at(i, j)))).collect();
         let columns: Vec<f64> = (0..m).map(|j| most(&mut (0..n).map(|i| at(i, j)))).collect();
         let counts = |i: usize, j: usize| at(i, j) >= ROUNDED.ln() + rows[i].max(columns[j]);
-        let row: Vec<f64> =
-            (0..n).map(|i| most(&mut (0..m).filter(|j| counts(i, *j)).map(|j| at(i, j)))).collect();
-        let column: Vec<f64> =
-            (0..m).map(|j| most(&mut (0..n).filter(|i| counts(*i, j)).map(|i| at(i, j)))).collect();
+        let row: Vec<f64> = (0..n).map(|i| most(&mut (0..m).filter(|j| counts(i, *j)).map(|j| at(i, j)))).collect();
+        let column: Vec<f64> = (0..m).map(|j| most(&mut (0..n).filter(|i| counts(*i, j)).map(|i| at(i, j)))).collect();
         let both: Vec<f64> = (0..n).map(|i| 0.5 * (row[i] + column[i])).filter(|v| v.is_finite()).collect();
         let usual = if both.is_empty() { 0.0 } else { both.iter().sum::<f64>() / both.len() as f64 };
         let mut change = 0.0_f64;

@@ -63,7 +63,7 @@ pub(crate) struct TreePlant {
 }
 
 impl Plant {
-    /// With the state of level hover.
+    /// With the state of hover.
     pub(crate) fn rigid(vehicle: &Vehicle, physics: Physics) -> Result<(Self, Vec<f64>)> {
         let system = Multirotor::new(vehicle, physics)?;
         let padded = padded_rotors(vehicle.n_rotor());

@@ -71,7 +71,7 @@ pub struct World {
 }
 
 impl World {
-    /// `n_env` copies of a vehicle in level hover at the origin. With the effect `contact` it is stepped as an articulated
+    /// `n_env` copies of a vehicle in hover at the origin. With the effect `contact` it is stepped as an articulated
     /// system of one body.
     ///
     /// # Errors

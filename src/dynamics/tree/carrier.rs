@@ -4,7 +4,6 @@ use super::model::Model;
 use crate::dynamics::{Inertia, Part, Vehicle};
 use crate::error::{Error, Result};
 
-
 /// The body of a drone with its rotors as a vehicle of its own: what its cascade believes to fly.
 ///
 /// # Errors

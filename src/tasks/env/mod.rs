@@ -196,9 +196,7 @@ impl Env {
         };
         // numbers that vary may leave zero, so nothing may be left out
         let plant = match robot.plant() {
-            crate::dynamics::Plant::Rigid(m) => {
-                Plant::rigid(m.vehicle(), vary_effects(*m.physics(), &varied))?.0
-            }
+            crate::dynamics::Plant::Rigid(m) => Plant::rigid(m.vehicle(), vary_effects(*m.physics(), &varied))?.0,
             crate::dynamics::Plant::Tree(m) => Plant::tree(m.model(), *m.physics(), !varied.is_empty())?.0,
         };
         let n_env = config.n_env;

@@ -47,7 +47,9 @@ impl Subject<'_> {
         let mut page = Html::new(&title, &format!("{}; omnidrones {}", source.origin, env!("CARGO_PKG_VERSION")));
         page.heading("Vehicle").facts(&key_facts(vehicle));
         page.heading("Steady flight").facts(&trim_facts(a, found));
-        page.heading("Modes of the vehicle alone").table(&modes_table(&found.modes, &found.plant)).line(&reach(&found.hidden, &found.plant));
+        page.heading("Modes of the vehicle alone")
+            .table(&modes_table(&found.modes, &found.plant))
+            .line(&reach(&found.hidden, &found.plant));
         page.heading("Gains").table(&gains_table(vehicle, &[(self.gains_name, *self.gains)]));
         page.heading("Control loop").facts(&loop_facts(self.gains_name, a, found, self.stable));
         if self.stable {

@@ -8,7 +8,20 @@ use std::path::Path;
 const FLYING: [&[&str]; 5] = [
     &["fly", "--no-plots", "--duration", "1", "--reference", "hover", "--out", "flown"],
     &["design"],
-    &["tune", "--no-plots", "--iterations", "1", "--starts", "2", "--held-out", "2", "--duration", "0.2", "--out", "tuned"],
+    &[
+        "tune",
+        "--no-plots",
+        "--iterations",
+        "1",
+        "--starts",
+        "2",
+        "--held-out",
+        "2",
+        "--duration",
+        "0.2",
+        "--out",
+        "tuned",
+    ],
     &["recover", "--starts", "1", "--cells", "1,1"],
     &["fly", "--no-plots", "--duration", "1", "--reference", "hover", "--controller", "lqr", "--out", "regulated"],
 ];
@@ -86,7 +99,8 @@ fn what_leans_in_hover_is_flown_and_told_by_every_command() {
         let vehicle = crooked(degrees);
         let file = written(folder.path(), &vehicle);
         for command in FLYING.iter().chain(&TELLING) {
-            let output = crate::command::command(folder.path(), &of(command, &file)).output().expect("the binary starts");
+            let output =
+                crate::command::command(folder.path(), &of(command, &file)).output().expect("the binary starts");
             // a tuning of one step may find nothing better
             let fine = output.status.success() || (command[0] == "tune" && output.status.code() == Some(1));
             assert!(fine, "{command:?}: {output:?}");
@@ -97,6 +111,10 @@ fn what_leans_in_hover_is_flown_and_told_by_every_command() {
         assert!((lean - hover.lean()).abs() < 1e-12 && lean > 0.0, "{lean}");
         let (page, _) = exits(0, folder.path(), &["tasks", "Hover", "--vehicle", &file]);
         assert!(page.contains("leans"), "{page}");
-        exits(0, folder.path(), &["rollout", "Hover", "--vehicle", &file, "--envs", "2", "--horizon", "40", "--no-plots"]);
+        exits(
+            0,
+            folder.path(),
+            &["rollout", "Hover", "--vehicle", &file, "--envs", "2", "--horizon", "40", "--no-plots"],
+        );
     }
 }
