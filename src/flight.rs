@@ -4,7 +4,7 @@ mod read;
 
 use crate::autodiff::System;
 use crate::dynamics::rotor::LEAST_THRUST;
-use crate::dynamics::spatial::{Quat, Vec3, to_euler, up_axis};
+use crate::dynamics::spatial::{Quat, Vec3, cross, dot, rotate, to_euler, up_axis};
 use crate::dynamics::vehicle::GRAVITY;
 use crate::dynamics::{Plant, Quantity};
 use crate::error::{Error, Result};
@@ -100,7 +100,7 @@ pub struct FlightLog {
 
 /// The key figures of a flight.
 ///
-/// The RMSE is `None` (`null`) when no sample lies in its window or one of them is not finite: a mean over the rest
+/// An RMSE is `None` (`null`) when no sample lies in its window or one of them is not finite: a mean over the rest
 /// would hide a divergence. Maxima are over the finite samples; `non_finite_samples` says how many are not.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FlightSummary {
@@ -124,6 +124,10 @@ pub struct FlightSummary {
     pub max_speed: Option<f64>,
     /// Largest angle between body z and world z, rad.
     pub max_tilt: Option<f64>,
+    /// Root of the mean square of the heading's error for t ≥ `rmse_after`, rad: [`FlightLog::heading_error`].
+    pub heading_rmse: Option<f64>,
+    /// Largest heading error for t ≥ `rmse_after`, rad.
+    pub max_heading_error: Option<f64>,
     /// Share of rotor commands at Ω_max or at the idle floor, 0 to 1.
     pub saturation: Option<f64>,
     /// Samples with a position, velocity, attitude or reference that is not finite.
@@ -201,13 +205,8 @@ impl FlightLog {
 
     /// √(mean ‖p − p_ref‖²) over t ≥ `after`, m; `None` when no sample is there or one of them is not finite.
     pub fn rmse(&self, after: f64) -> Option<f64> {
-        let (mut sum, mut count) = (0.0, 0usize);
-        for (_, e) in self.time.iter().zip(self.error_norm()).filter(|(t, _)| t.is_nan() || **t >= after) {
-            sum += e * e;
-            count += 1;
-        }
-        let rmse = (sum / count as f64).sqrt();
-        rmse.is_finite().then_some(rmse)
+        let errors = self.error_norm();
+        rms(self.time.iter().zip(errors).filter(|(t, _)| t.is_nan() || **t >= after).map(|(_, e)| e))
     }
 
     /// Largest finite ‖p − p_ref‖ over t ≥ `after`, m.
@@ -244,6 +243,25 @@ impl FlightLog {
     /// Largest finite tilt, rad.
     pub fn max_tilt(&self) -> Option<f64> {
         largest(self.tilt().into_iter())
+    }
+
+    /// Angle about body z per sample, within ±π, rad, from the attitude that has the same body z and the reference's yaw:
+    /// b₂ along b₃ × (cos ψ, sin ψ, 0), as in [`desired_attitude`](crate::controllers::velocity::desired_attitude). Upright it
+    /// is heading less yaw; where roll and pitch were asked apart from the force, that at any tilt. 0 where there is no heading.
+    pub fn heading_error(&self) -> Vec<f64> {
+        let apart = !self.asked_angles.is_empty();
+        let pairs = self.attitude.iter().zip(&self.reference_yaw);
+        let error = |(q, yaw): (&Quat<f64>, &f64)| {
+            let (s, c) = yaw.sin_cos();
+            if apart {
+                let [x, y, _] = rotate(*q, [1.0, 0.0, 0.0]);
+                return angle(c * y - s * x, c * x + s * y);
+            }
+            let (up, left) = (up_axis(*q), rotate(*q, [0.0, 1.0, 0.0]));
+            let wanted = cross(up, [c, s, 0.0]);
+            angle(dot(up, cross(wanted, left)), dot(wanted, left))
+        };
+        pairs.map(error).collect()
     }
 
     /// Share of rotor commands at or beyond Ω_max or the idle floor 0.01 Ω_max (to 1e-6 of Ω_max); `None` without rotors and
@@ -312,6 +330,8 @@ impl FlightLog {
                 && fine(&self.attitude[*i])
                 && fine(&self.reference_position[*i]))
         };
+        let heading = self.heading_error();
+        let late = || self.time.iter().zip(&heading).filter(|(t, _)| t.is_nan() || **t >= after).map(|(_, e)| e);
         FlightSummary {
             vehicle: self.vehicle.clone(),
             samples: self.len(),
@@ -323,6 +343,8 @@ impl FlightLog {
             lost_at: self.lost_at(),
             max_speed: self.max_speed(),
             max_tilt: self.max_tilt(),
+            heading_rmse: rms(late().copied()),
+            max_heading_error: largest(late().map(|e| e.abs())),
             saturation: self.saturation_share(),
             non_finite_samples: (0..self.len()).filter(broken).count(),
         }
@@ -414,6 +436,18 @@ impl FlightLog {
 
 fn norm(v: &Vec3<f64>) -> f64 {
     (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt()
+}
+
+/// Of a direction in a plane; 0 where it points out of it.
+fn angle(sine: f64, cosine: f64) -> f64 {
+    if sine.hypot(cosine) < 1e-3 { 0.0 } else { sine.atan2(cosine) }
+}
+
+/// Root of the mean square; `None` without values and where one is not finite.
+fn rms(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let (sum, count) = values.fold((0.0, 0usize), |(sum, count), e| (sum + e * e, count + 1));
+    let rms = (sum / count as f64).sqrt();
+    rms.is_finite().then_some(rms)
 }
 
 fn largest(values: impl Iterator<Item = f64>) -> Option<f64> {

@@ -181,6 +181,17 @@ class Flight:
         """
         When the state exploded, s; None for a whole flight.
         """
+    @property
+    def lowest(self, /) -> float:
+        """
+        Least height of the lowest point of all bodies and rotors above the ground, m.
+        """
+    @property
+    def mishaps(self, /) -> list[str]:
+        """
+        What befell it however small its errors are, in order of time: below the ground at z = 0 (of a configuration its own), a load
+        that turned over. Empty for a flight that is one.
+        """
     def plot(self, /, what: str = "overview", *, after: SupportsFloat | SupportsIndex = 2.0) -> Figure:
         """
         A figure of it: "overview", "path", "error", "rotors", "attitude" or "rates"; the first `after` seconds are left out of the RMSE.
@@ -191,8 +202,8 @@ class Flight:
         """
     def summary(self, /, after: SupportsFloat | SupportsIndex = 2.0) -> dict:
         """
-        Key figures by name from `after` (s) on: "rmse" and "max_error" (m), "max_speed" (m/s), "max_tilt" (rad), "saturation" (share of
-        rotor commands at a limit) and more. What does not exist is left out.
+        Key figures by name from `after` (s) on: "rmse" and "max_error" (m), "heading_rmse", "max_heading_error" and "max_tilt" (rad),
+        "max_speed" (m/s), "saturation" (share of rotor commands at a limit) and more. What does not exist is left out.
         """
     def write_csv(self, /, path: str | PathLike[str]) -> None:
         """

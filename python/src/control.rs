@@ -9,7 +9,7 @@ use omnidrones::controllers::allocation::{Allocator, PrioritisedAllocator, Probl
 use omnidrones::controllers::design::{self, ErrorState, TrimTarget, TunePlan};
 use omnidrones::controllers::linear::{self, Signal};
 use omnidrones::controllers::registry::{Setup, controller};
-use omnidrones::controllers::{self, FlightPlan, RotorFailure, default_controller};
+use omnidrones::controllers::{self, FlightPlan, Judgement, RotorFailure, default_controller, judge};
 use omnidrones::dynamics::urdf::{ImportOptions, import_file};
 use omnidrones::dynamics::{self, Disturbance, Gains, Physics, Plant, configurations, vehicles};
 use omnidrones::error::Error;
@@ -176,6 +176,7 @@ pub fn gains_of(given: Option<&Bound<'_, PyMapping>>) -> PyResult<Option<Gains>>
 pub struct Flight {
     flight: controllers::Flight,
     n_state: usize,
+    judgement: Judgement,
 }
 
 #[pymethods]
@@ -196,8 +197,8 @@ impl Flight {
         array(py, self.flight.states.clone(), &[n_row, self.n_state])
     }
 
-    /// Key figures by name from `after` (s) on: "rmse" and "max_error" (m), "max_speed" (m/s), "max_tilt" (rad), "saturation" (share of
-    /// rotor commands at a limit) and more. What does not exist is left out.
+    /// Key figures by name from `after` (s) on: "rmse" and "max_error" (m), "heading_rmse", "max_heading_error" and "max_tilt" (rad),
+    /// "max_speed" (m/s), "saturation" (share of rotor commands at a limit) and more. What does not exist is left out.
     #[pyo3(signature = (after=2.0))]
     fn summary<'py>(&self, py: Python<'py>, after: f64) -> PyResult<Bound<'py, PyDict>> {
         settings::dict(py, &Table::try_from(self.flight.log.summary(after)).map_err(unexpected)?)
@@ -223,6 +224,19 @@ impl Flight {
     #[getter]
     fn diverged_at(&self) -> Option<f64> {
         self.flight.diverged_at
+    }
+
+    /// What befell it however small its errors are, in order of time: below the ground at z = 0 (of a configuration its own), a load
+    /// that turned over. Empty for a flight that is one.
+    #[getter]
+    fn mishaps(&self) -> Vec<String> {
+        self.judgement.mishaps.iter().map(ToString::to_string).collect()
+    }
+
+    /// Least height of the lowest point of all bodies and rotors above the ground, m.
+    #[getter]
+    fn lowest(&self) -> f64 {
+        self.judgement.lowest
     }
 
     /// Samples.
@@ -267,17 +281,19 @@ pub fn fly(
     let plant = self::plant(plant, plan.air_physics())?;
     let gains = gains_of(gains)?;
     let named = controller;
-    let flight = py
+    let (flight, judgement) = py
         .detach(|| {
             let setup = Setup::new(gains.as_ref(), &plan.rates);
             let mut own = match named {
                 Some(name) => self::controller(name, &plant, &setup)?,
                 None => default_controller(&plant, &setup)?,
             };
-            controllers::fly(&plant, &mut *own, &plan, &mut |_| ())
+            let flight = controllers::fly(&plant, &mut *own, &plan, &mut |_| ())?;
+            let judgement = judge(&plant, &flight, true)?;
+            Ok((flight, judgement))
         })
         .or_raise()?;
-    Ok(Flight { flight, n_state: omnidrones::autodiff::System::n_state(&plant) })
+    Ok(Flight { flight, n_state: omnidrones::autodiff::System::n_state(&plant), judgement })
 }
 
 /// A linear system with named signals: x+ = A x + B u of every sample, or dx/dt where `dt` is None; y = C x + D u.

@@ -28,6 +28,9 @@ def test_a_flight_is_columns_with_units_and_key_figures(tmp_path):
     rmse = np.sqrt((error[:, late] ** 2).sum(0).mean())
     assert flight.summary()["rmse"] == pytest.approx(rmse) and rmse < 0.1
     assert flight.states().shape[0] == len(flight) and flight.diverged_at is None
+    assert flight.mishaps == [] and 0.5 < flight.lowest < 2.0 and flight.summary()["max_heading_error"] < 0.1
+    buried = omnidrones.fly("hummingbird", duration=0.1, reference={"kind": "hover", "position": [0.0, 0.0, -5.0]})
+    assert len(buried.mishaps) == 1 and "below the ground" in buried.mishaps[0] and buried.lowest < -5.0
     flight.write_csv(tmp_path / "flight.csv")
     names = (tmp_path / "flight.csv").read_text().splitlines()[0]
     assert names.split(",") == list(columns)

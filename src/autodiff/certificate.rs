@@ -5,12 +5,19 @@
 //! a wrong derivative leaves h¹, a kink within h too. A derivative that is not a number fails all of them.
 //!
 //! Entries of a point have sizes from 1e-9 (a thrust coefficient) to 1e4 (a rotor speed), and a zero does not tell
-//! which. So errors are judged column by column, relative to max(1, largest entry), over a ladder of steps. A central
-//! difference D(h) = f' + c h² + O(ε |f|/h) tells its own error: truncation from the next rung, |D(h) − D(h/10)|, rounding
-//! from |f|. The rungs that predict at most 5e-8 count, whatever the derivative says, and the worst of them is reported;
-//! where none does, the one that predicts least. The Taylor remainder is judged likewise, where the function alone tells that
-//! its second order dominates. What this cannot see is an entry wrong by less than the bound times that scale: differences
-//! end there. Between adjoint and duals the bound is 1e-10 of the scale.
+//! which. So errors are judged column by column, relative to max(1, largest entry), over a ladder of steps. Of a central
+//! difference D(h) = f' + c h² + O(h⁴) + O(ε |f|/h) the next rung takes away the second order (Richardson),
+//! R(h) = D(h/10) + (D(h/10) − D(h))/99, and what is left tells its own error: truncation from the next rung,
+//! |R(h) − R(h/10)|, rounding from |f|. So the size of third derivatives, which grow with the motion, is no error. The rungs
+//! that predict at most 5e-9 count, whatever the derivative says, and the worst of them is reported; where none does, the one
+//! that predicts least. The Taylor remainder is judged likewise, where the function alone tells that its second order
+//! dominates. What this cannot see is an entry wrong by less than the bound times that scale: differences end there. Between
+//! adjoint and duals the bound is 1e-10 of the scale.
+//!
+//! **Kinks.** Where two smooth pieces meet, a function has two slopes and differences agree with neither, though no derivative
+//! is wrong. The function alone tells so: the slopes to both sides, (f(z + h) − f(z))/h and (f(z) − f(z − h))/h, stay apart
+//! as h falls, where those of a smooth function meet as h does. Such columns are counted; a certificate does not hold there,
+//! and says why. A derivative is judged beside the kink.
 
 use super::derivative::{JacobianScratch, jacobian};
 use super::program::Program;
@@ -33,7 +40,7 @@ pub struct Bounds {
 
 impl Default for Bounds {
     fn default() -> Self {
-        Self { adjoint: 1e-10, difference: 1e-6, taylor: 0.1 }
+        Self { adjoint: 1e-10, difference: 1e-7, taylor: 0.1 }
     }
 }
 
@@ -51,6 +58,8 @@ pub struct Certificate {
     pub taylor_order: Option<f64>,
     /// Value of the program against the direct step, relative to max(1, |x|).
     pub value_error: f64,
+    /// Columns along which two smooth pieces meet at the point: their slopes to both sides differ, whatever the derivative says.
+    pub kinks: usize,
     /// Entries of the Jacobian compared.
     pub n_entry: usize,
 }
@@ -72,8 +81,12 @@ impl fmt::Display for Certificate {
         writeln!(f, "  adjoint against duals            {:.1e}", self.adjoint_error)?;
         writeln!(f, "  duals against central difference {:.1e}", self.difference_error)?;
         match self.taylor_order {
-            Some(order) => write!(f, "  Taylor order (2 when right)      {order:.3}"),
-            None => write!(f, "  Taylor order                     none: the step is affine"),
+            Some(order) => write!(f, "  Taylor order (2 when right)      {order:.3}")?,
+            None => write!(f, "  Taylor order                     none: the step is affine")?,
+        }
+        match self.kinks {
+            0 => Ok(()),
+            n => write!(f, "\n  columns that meet a kink here    {n}: judge it beside the kink"),
         }
     }
 }
@@ -103,10 +116,16 @@ pub fn certify<F: System>(system: &F, state: &[f64], input: &[f64], parameters: 
         value.iter().zip(&program_value).map(|(a, b)| (a - b).abs() / a.abs().max(1.0)).fold(0.0, largest);
     let columns = || dual.chunks_exact(n.max(1));
     let adjoint_error = columns().zip(adjoint.chunks_exact(n.max(1))).map(|(d, a)| column_error(d, a));
-    let difference_error = columns().enumerate().map(|(k, d)| difference_error(&evaluate, &point, &value, k, d));
+    let ladders = columns().enumerate().map(|(k, d)| (Ladder::of(&evaluate, &point, &value, k), d));
+    let (mut difference_error, mut kinks) = (0.0, 0);
+    for (ladder, column) in ladders {
+        difference_error = largest(difference_error, ladder.error_of(column));
+        kinks += usize::from(ladder.has_kink());
+    }
     Ok(Certificate {
         adjoint_error: adjoint_error.fold(0.0, largest),
-        difference_error: difference_error.fold(0.0, largest),
+        difference_error,
+        kinks,
         taylor_order: taylor_order(&evaluate, &point, &value, &dual),
         value_error,
         n_entry: n * width,
@@ -120,8 +139,13 @@ fn largest(a: f64, b: f64) -> f64 {
 
 /// Largest |a − b| relative to max(1, ‖a‖∞).
 fn column_error(a: &[f64], b: &[f64]) -> f64 {
-    let scale = a.iter().fold(1.0, |s: f64, x| s.max(x.abs()));
+    let scale = size_of_column(a);
     a.iter().zip(b).map(|(x, y)| (x - y).abs() / scale).fold(0.0, largest)
+}
+
+/// max(1, ‖column‖∞).
+fn size_of_column(column: &[f64]) -> f64 {
+    column.iter().fold(1.0, |s: f64, x| s.max(x.abs()))
 }
 
 /// The Jacobian (column-major) row by row from the adjoint program, and the program's value.
@@ -156,46 +180,90 @@ fn by_adjoint<F: system::System>(system: &F, point: &[f64]) -> Result<(Vec<f64>,
 /// Steps of differences, in fractions of max(|z|, 1e-3): entries of 1e-9 stand beside zeros of unknown size.
 const STEPS: [f64; 9] = [1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9];
 /// What a difference may predict of its own error to count, relative to max(1, ‖column‖∞): a twentieth of [`Bounds`].
-const PREDICTED: f64 = 5e-8;
+const PREDICTED: f64 = 5e-9;
 
-/// Largest error of column k against the central differences that count; see the head of this file.
-fn difference_error(
-    evaluate: &impl Fn(&[f64]) -> Vec<f64>,
-    point: &[f64],
-    value: &[f64],
-    k: usize,
-    column: &[f64],
-) -> f64 {
-    let mut z = point.to_vec();
-    let size = point[k].abs().max(1e-3);
-    let mut slope = |step: &f64| {
-        z[k] = point[k] + step * size;
-        let plus = evaluate(&z);
-        z[k] = point[k] - step * size;
-        let minus = evaluate(&z);
-        plus.iter().zip(&minus).map(|(a, b)| (a - b) / (2.0 * step * size)).collect::<Vec<f64>>()
-    };
-    let slopes: Vec<Vec<f64>> = STEPS.iter().map(&mut slope).collect();
-    let finite = |slope: &Vec<f64>| slope.iter().all(|x| x.is_finite());
-    // a long step may leave the domain, a shorter one than a step within it may not
-    let Some(first) = slopes.iter().position(finite) else { return f64::INFINITY };
-    if !slopes[first..].iter().all(finite) {
-        return f64::INFINITY;
-    }
-    // what the entry does not move has no rounding
-    let moves = |i: &usize| slopes[first..].iter().any(|slope| slope[*i] != 0.0);
-    let high = (0..value.len()).filter(moves).fold(1.0, |m: f64, i| m.max(value[i].abs()));
-    let predicted = |i: usize| {
-        let scale = slopes[i].iter().fold(1.0, |m: f64, x| m.max(x.abs()));
-        column_error(&slopes[i], &slopes[i + 1]) + f64::EPSILON * high / (STEPS[i] * size * scale)
-    };
-    let rungs: Vec<(f64, f64)> =
-        (first..STEPS.len() - 1).map(|i| (predicted(i), column_error(column, &slopes[i]))).collect();
-    let least = rungs.iter().fold(f64::INFINITY, |m: f64, (own, _)| m.min(*own));
-    let counts = |own: f64| own <= PREDICTED.max(least);
-    let worst = rungs.iter().filter(|(own, _)| counts(*own)).map(|(_, error)| *error).reduce(largest);
-    worst.unwrap_or(f64::INFINITY)
+/// Slopes along one entry of a point over [`STEPS`], by differences.
+struct Ladder {
+    /// To both sides, component by component; without the steps that left the domain.
+    sides: Vec<[Vec<f64>; 2]>,
+    /// The steps themselves.
+    steps: Vec<f64>,
+    /// Largest value that the entry moves: what the entry does not move has no rounding.
+    high: f64,
 }
+
+impl Ladder {
+    fn of(evaluate: &impl Fn(&[f64]) -> Vec<f64>, point: &[f64], value: &[f64], k: usize) -> Self {
+        let mut z = point.to_vec();
+        let size = point[k].abs().max(1e-3);
+        let mut slope = |h: f64| {
+            let mut to = |side: f64| {
+                z[k] = point[k] + side * h;
+                let there = evaluate(&z);
+                there.iter().zip(value).map(|(a, b)| (a - b) / (side * h)).collect::<Vec<f64>>()
+            };
+            [to(1.0), to(-1.0)]
+        };
+        let all = STEPS.map(|step| step * size);
+        let slopes = all.map(&mut slope);
+        // a long step may leave the domain, a shorter one than a step within it may not
+        let finite = |sides: &[Vec<f64>; 2]| sides.iter().flatten().all(|x| x.is_finite());
+        let first = slopes.iter().position(finite).unwrap_or(STEPS.len());
+        let sides = slopes[first..].to_vec();
+        let moves = |i: &usize| sides.iter().flatten().any(|side| side[*i] != 0.0);
+        let high = (0..value.len()).filter(moves).fold(1.0, |m: f64, i| m.max(value[i].abs()));
+        Self { sides, steps: all[first..].to_vec(), high }
+    }
+
+    /// Central differences.
+    fn central(&self, i: usize) -> Vec<f64> {
+        let [plus, minus] = &self.sides[i];
+        plus.iter().zip(minus).map(|(a, b)| 0.5 * (a + b)).collect()
+    }
+
+    /// What rounding may add to a slope, relative to `scale`.
+    fn rounding(&self, i: usize, scale: f64) -> f64 {
+        f64::EPSILON * self.high / (self.steps[i] * scale)
+    }
+
+    /// Largest error of a column against the differences that count; see the head of this file.
+    fn error_of(&self, column: &[f64]) -> f64 {
+        if self.sides.len() < 3 || !self.sides.iter().flatten().flatten().all(|x| x.is_finite()) {
+            return f64::INFINITY;
+        }
+        let central: Vec<Vec<f64>> = (0..self.sides.len()).map(|i| self.central(i)).collect();
+        let refined = |pair: &[Vec<f64>]| -> Vec<f64> {
+            pair[0].iter().zip(&pair[1]).map(|(long, short)| short + (short - long) / 99.0).collect()
+        };
+        let slopes: Vec<Vec<f64>> = central.windows(2).map(refined).collect();
+        let predicted =
+            |i: usize| column_error(&slopes[i], &slopes[i + 1]) + self.rounding(i + 1, size_of_column(&slopes[i]));
+        let rungs: Vec<(f64, f64)> =
+            (0..slopes.len() - 1).map(|i| (predicted(i), column_error(column, &slopes[i]))).collect();
+        let least = rungs.iter().fold(f64::INFINITY, |m: f64, (own, _)| m.min(*own));
+        let worst =
+            rungs.iter().filter(|(own, _)| *own <= PREDICTED.max(least)).map(|(_, error)| *error).reduce(largest);
+        worst.unwrap_or(f64::INFINITY)
+    }
+
+    /// Whether the slopes to both sides stay apart down to the shortest step that rounding lets see it.
+    fn has_kink(&self) -> bool {
+        let gaps: Vec<(f64, f64)> = (self.sides.iter().enumerate())
+            .map(|(i, [plus, minus])| {
+                let scale = size_of_column(plus).max(size_of_column(minus));
+                let apart = plus.iter().zip(minus).map(|(a, b)| (a - b).abs() / scale).fold(0.0, largest);
+                (apart, SEEN * self.rounding(i, scale))
+            })
+            .collect();
+        let Some(last) = gaps.iter().rposition(|(gap, seen)| gap > seen) else { return false };
+        let hidden_below = gaps.get(last + 1).is_none_or(|(_, seen)| gaps[last].0 < 2.0 * seen);
+        let stays = last > 0 && gaps[last].0 > 0.5 * gaps[last - 1].0;
+        hidden_below && stays && gaps[last].0 > PREDICTED
+    }
+}
+
+/// A gap of this many times its rounding is seen.
+const SEEN: f64 = 100.0;
 
 /// Steps of the Taylor remainder.
 const TAYLOR: [f64; 4] = [1e-2, 1e-3, 1e-4, 1e-5];
@@ -283,6 +351,9 @@ pub fn require(certificate: &Certificate, bounds: Bounds) -> Result<()> {
         "gradient certificate",
         format!("not held ({certificate})"),
         format!("within {bounds:?}"),
-        "Look for a branch on a value, an unguarded corner (see autodiff::safe), or a kink at this very point.",
+        match certificate.kinks {
+            0 => "Look for a branch on a value, or an unguarded corner (see autodiff::safe).",
+            _ => "A kink lies at this very point: certify beside it.",
+        },
     ))
 }

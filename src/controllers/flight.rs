@@ -81,7 +81,7 @@ pub struct Flight {
     /// When the plant's state left |x| < 1e8 (SI units, as in a [`World`](crate::dynamics::World)) or became not a
     /// number, s; `None` for a whole flight.
     pub diverged_at: Option<f64>,
-    /// Where to take derivatives; in a flight with failures or latency nowhere (its margin is negative).
+    /// Where to take derivatives, [beside kinks](SmoothPoint::beside_kinks); in a flight with failures or latency nowhere (its margin is negative).
     pub smoothest: SmoothPoint,
 }
 
@@ -137,6 +137,37 @@ impl SmoothPoint {
         if margin > self.margin {
             *self = Self { step, state: [x, memory].concat(), input: input.to_vec(), air: *air, margin };
         }
+    }
+}
+
+/// Nearer to a kink than this, a step lies on it: differences are taken over steps as long.
+const ON_KINK: f64 = 1e-4;
+/// How far from it derivatives are judged instead.
+const BESIDE: f64 = 0.01;
+
+impl SmoothPoint {
+    /// The same step moved off the kinks that it lies on; `None` where it lies on none.
+    ///
+    /// A motor at the speed that it is commanded, as in every steady hover, has one lag to speed up and another to slow down:
+    /// there is no derivative there. Its speed is moved by 2 % of the largest, of one rotor up and of the next one down, so that
+    /// both lags are seen; a command at its limit is moved inwards by 1 % of its range.
+    pub fn beside_kinks(&self, plant: &Plant) -> Option<Self> {
+        if !(0.0..ON_KINK).contains(&self.margin) {
+            return None;
+        }
+        let mut moved = self.clone();
+        for (i, (rotor, place)) in plant.rotors().into_iter().zip(plant.rotor_places()).enumerate() {
+            let (action, speed) = (&mut moved.input[place.action], &mut moved.state[place.speed]);
+            *action = action.clamp(2.0 * BESIDE - 1.0, 1.0 - 2.0 * BESIDE);
+            let (command, most) = (commanded_speed(rotor.max_speed, *action), rotor.max_speed);
+            let gap = 2.0 * BESIDE * most;
+            if (command - *speed).abs() < gap {
+                let up = command - gap < 0.0 || (i % 2 == 0 && command + gap < most);
+                *speed = if up { command + gap } else { command - gap };
+            }
+        }
+        moved.margin = BESIDE;
+        Some(moved)
     }
 }
 

@@ -41,6 +41,7 @@
 //! | `gimballed` | a drone on a cardan joint that pushes its carrier with a wanted force |
 //! | [`platform`] | a frame under such drones, steered in six axes |
 //! | [`transport`] | a load under drones on bars, its own pose tracked |
+//! | [`mishap`] | what fails a flight however small its errors are: the ground, a load that turned over |
 //! | [`design`] | Riccati equations, optimal feedback, tuning |
 //!
 //! At equal rates the four levels compose to the geometric law of Lee, Leok and McClamroch (2010), term by term:
@@ -76,6 +77,7 @@ pub mod linear;
 pub(crate) mod load_flatness;
 pub mod locked_joints;
 pub(crate) mod low_pass;
+pub mod mishap;
 pub mod monte_carlo;
 pub mod parameters;
 pub mod platform;
@@ -111,6 +113,7 @@ pub use kinematics::Kinematics;
 pub use law::{ControlLaw, Moment, RecordedLaw, Running};
 pub use load_flatness::LoadFlatness;
 pub use locked_joints::LockedJoints;
+pub use mishap::{Judgement, Mishap, judge};
 pub use monte_carlo::{MonteCarlo, MonteCarloDraw, MonteCarloResult, MonteCarloSummary};
 pub use parameters::{BodyModel, CommandLimits, ForceLimits, GainSet};
 pub use platform::Platform;

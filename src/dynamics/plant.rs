@@ -111,6 +111,14 @@ impl Plant {
         }
     }
 
+    /// Of all bodies, kg.
+    pub fn mass(&self) -> f64 {
+        match self {
+            Self::Rigid(system) => system.vehicle().mass_properties().mass,
+            Self::Tree(system) => system.model().mass(),
+        }
+    }
+
     /// Time step, integrator, effects.
     pub fn physics(&self) -> &Physics {
         match self {

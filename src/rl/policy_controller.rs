@@ -53,6 +53,11 @@ impl PolicyController {
         Ok(Self { name: format!("policy of {task}"), policy, env, out, actions, places, goal })
     }
 
+    /// What the policy was trained on, or the nominal one of what it was.
+    pub fn trained_on(&self) -> &Plant {
+        self.env.robot().plant()
+    }
+
     /// Shows the moved state and acts; `None` for a state that is not finite.
     fn act(&mut self, state: &[f64], wanted: [f64; 3]) -> Option<()> {
         let mut seen: Vec<f32> = state.iter().map(|x| *x as f32).collect();

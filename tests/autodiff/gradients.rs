@@ -27,13 +27,13 @@ fn certify_states(n: usize) {
 
 #[test]
 fn the_certificate_holds_for_every_vehicle_integrator_and_effect_at_random_states() {
-    certify_states(5); // measured 3.1e-15, 5.0e-8, 0.018
+    certify_states(5); // measured 3.1e-15, 5.0e-9, 0.018
 }
 
 #[test]
 #[ignore = "cargo test --test autodiff -- --ignored two_hundred_states: ten seconds"]
 fn the_certificate_holds_at_two_hundred_states_of_every_vehicle() {
-    certify_states(25); // measured 3.1e-15, 5.0e-8, 0.020
+    certify_states(25); // measured 3.1e-15, 5.8e-9, 0.020
 }
 
 #[test]
@@ -45,7 +45,7 @@ fn the_certificate_holds_with_every_physical_parameter_exposed() {
         let (x, u) = (state(vehicle, &mut r), input(vehicle, physics, &mut r));
         worst.certify(&format!("{name}, seed 21"), &system, &x, &u, &system.parameters());
     }
-    worst.print(); // measured 2.0e-14, 5.0e-8, 0.016
+    worst.print(); // measured 2.0e-14, 4.9e-9, 0.016
 }
 
 /// Weights on everything, so that no entry of the state is out of the cost's sight.
@@ -282,6 +282,27 @@ const MASKED_ROOT: u8 = 3;
 const BLIND: u8 = 4;
 const SECANT: u8 = 5;
 
+/// A smooth step with one lag up and another down, as of a motor; its derivatives are too large by a share of `wrong`.
+struct TwoLags {
+    wrong: f64,
+}
+
+impl System for TwoLags {
+    fn n_state(&self) -> usize {
+        2
+    }
+    fn n_input(&self) -> usize {
+        1
+    }
+    fn step<S: Scalar>(&self, x: &[S], u: &[S], _: &[S], next: &mut [S]) {
+        let lag = S::select(x[0].lt(u[0]), S::constant(0.3), S::constant(0.1));
+        let pull = (x[1] * S::constant(3.0)).sin_cos().0;
+        let bent = |own: S| own.detach() + S::constant(1.0 + self.wrong) * (own - own.detach());
+        next[0] = bent((u[0] - x[0]).mul_add(lag, x[0]));
+        next[1] = bent(x[0] * pull);
+    }
+}
+
 impl<const KIND: u8> System for Toy<KIND> {
     fn n_state(&self) -> usize {
         2
@@ -344,6 +365,52 @@ fn a_kink_at_the_point_or_a_slope_that_is_not_the_functions_own_breaks_the_certi
     assert!(!unknown.holds(Bounds::default()), "{unknown}");
     let blind = certify(&Toy::<BLIND>, &[0.3, 1.0], &[0.5], &[]).unwrap();
     assert!(!blind.holds(Bounds::default()), "{blind}");
+}
+
+#[test]
+fn a_kink_is_named_and_a_wrong_derivative_is_caught_beside_it() {
+    let bounds = Bounds::default();
+    for side in [1.0, -1.0] {
+        for size in [1e-2, 1.0, 1e3] {
+            for gap in [0.0, 1e-15, 1e-12] {
+                let at = size * (1.0 + side * gap);
+                let kink = certify(&TwoLags { wrong: 0.0 }, &[at, 0.4], &[size], &[]).unwrap();
+                // along x0 and u0
+                assert!(kink.kinks == 2 && !kink.holds(bounds), "{side} {size} {gap}: {kink}");
+            }
+            for apart in [1e-2, 1e-3] {
+                let point = [size * (1.0 + side * apart), 0.4];
+                let right = certify(&TwoLags { wrong: 0.0 }, &point, &[size], &[]).unwrap();
+                assert!(right.holds(bounds), "{side} {size} {apart}: {right}");
+                for wrong in [1e-1, 1e-4, 1e-6, -1e-6] {
+                    let caught = certify(&TwoLags { wrong }, &point, &[size], &[]).unwrap();
+                    assert!(!caught.holds(bounds) && caught.kinks == 0, "{side} {size} {apart} {wrong:e}: {caught}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_kink_is_told_from_a_smooth_bend_of_any_sharpness() {
+    struct Bend(f64);
+    impl System for Bend {
+        fn n_state(&self) -> usize {
+            1
+        }
+        fn n_input(&self) -> usize {
+            0
+        }
+        fn step<S: Scalar>(&self, x: &[S], _: &[S], _: &[S], next: &mut [S]) {
+            next[0] = safe::sqrt(x[0].square() + S::constant(self.0 * self.0), 0.0);
+        }
+    }
+    for radius in [1e-4, 1e-2, 1.0, 1e3] {
+        for at in [0.0, 0.3, -0.3] {
+            let c = certify(&Bend(radius), &[at], &[], &[]).unwrap();
+            assert!(c.kinks == 0 && c.holds(Bounds::default()), "{radius} at {at}: {c}");
+        }
+    }
 }
 
 #[test]

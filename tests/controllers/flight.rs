@@ -3,8 +3,9 @@
 
 use omnidrones::controllers::reference::Hover;
 use omnidrones::controllers::registry::controller;
-use omnidrones::controllers::{Flight, FlightPlan, Reference, Setup, fly, fly_vehicle};
+use omnidrones::controllers::{Flight, FlightPlan, Reference, Setup, SmoothPoint, fly, fly_vehicle};
 use omnidrones::dynamics::aero::wind::{Dryden, Wind};
+use omnidrones::dynamics::rotor::commanded_speed;
 use omnidrones::dynamics::urdf::{ImportOptions, import_file};
 use omnidrones::dynamics::{Effects, Physics, Plant, Vehicle, vehicle, vehicles};
 use std::path::{Path, PathBuf};
@@ -27,6 +28,40 @@ fn every_vehicle_tracks_the_lemniscate_within_fifteen_millimetres() {
     // measured, mm: crazyflie 6.4, hummingbird 10.8, iris 5.3, firefly 6.5, neo11 6.9, omav 6.6
     for vehicle in vehicles::all() {
         assert_tracks(&vehicle, 0.015);
+    }
+}
+
+#[test]
+fn a_steady_hover_is_left_for_a_point_beside_its_kinks_and_no_other_flight_is() {
+    for vehicle in vehicles::all() {
+        let plan =
+            FlightPlan { reference: Reference::by_name("hover").unwrap(), duration: 0.2, ..FlightPlan::default() };
+        let plant = Plant::of_vehicle(&vehicle, plan.air_physics()).unwrap();
+        let hover = flown(&vehicle, &plan).smoothest;
+        let beside = hover.beside_kinks(&plant).unwrap();
+        let gaps = |point: &SmoothPoint| -> Vec<f64> {
+            let pairs = plant.rotors().into_iter().zip(plant.rotor_places());
+            let gaps = pairs.map(|(rotor, place)| {
+                let command = commanded_speed(rotor.max_speed, point.input[place.action]);
+                (point.state[place.speed] - command) / rotor.max_speed
+            });
+            gaps.collect()
+        };
+        // measured: 1e-15 and 0.02
+        assert!(gaps(&hover).iter().all(|gap| gap.abs() < 1e-4), "{}", vehicle.name);
+        assert!(gaps(&beside).iter().all(|gap| (gap.abs() - 0.02).abs() < 1e-3), "{}", vehicle.name);
+        assert!(gaps(&beside).iter().any(|gap| *gap > 0.0) && gaps(&beside).iter().any(|gap| *gap < 0.0));
+        assert_eq!((beside.input.len(), beside.step), (hover.input.len(), hover.step));
+        // a command at its limit is moved inwards
+        for limit in [1.0, -1.0] {
+            let mut full = hover.clone();
+            full.input.fill(limit);
+            full.margin = 0.0;
+            assert!(full.beside_kinks(&plant).unwrap().input.iter().all(|a| (a.abs() - 0.98).abs() < 1e-12), "{limit}");
+        }
+        let moving = flown(&vehicle, &FlightPlan { duration: 2.0, ..FlightPlan::default() }).smoothest;
+        println!("{}: {:.1e} from the nearest kink", vehicle.name, moving.margin);
+        assert!(moving.beside_kinks(&plant).is_none() && moving.margin > 1e-3, "{}: {}", vehicle.name, moving.margin);
     }
 }
 

@@ -1,6 +1,7 @@
 //! The key figures of a flight have closed forms, and its file reads back.
 
-use omnidrones::dynamics::spatial::from_euler;
+use omnidrones::controllers::velocity::desired_attitude;
+use omnidrones::dynamics::spatial::{from_euler, from_matrix, multiply, up_axis};
 use omnidrones::flight::{Commanded, FlightLog, FlightSample};
 
 const LIMIT: f64 = 800.0;
@@ -39,6 +40,43 @@ fn rmse_maxima_and_saturation_equal_their_closed_forms() {
     assert!((log.max_tilt().unwrap() - 0.9).abs() < 1e-14);
     assert_eq!((log.max_speed(), log.saturation_share()), (Some(9.0), Some(0.5)));
     assert_eq!(log.summary(2.0).duration, 9.0);
+}
+
+#[test]
+fn the_headings_error_counts_no_full_turn_and_no_tilt() {
+    for error in [0.0, 1e-8, 0.3, 3.1, -1e-8, -0.3, -3.1] {
+        for (yaw, turns) in [(0.0, 0.0), (1.0, 1.0), (-2.0, -3.0), (3.0, 7.0)] {
+            for tilt in [[0.0, 0.0], [0.8, -0.5], [-0.8, -0.5], [2.5, 0.2]] {
+                let mut log = log();
+                log.reference_yaw.fill(yaw + turns * std::f64::consts::TAU);
+                // the force chose the attitude: turned about it, from the one that it asks for
+                let force = up_axis(from_euler(tilt[0], tilt[1], yaw));
+                let wanted = from_matrix(desired_attitude(force, yaw));
+                log.attitude.fill(multiply(wanted, from_euler(0.0, 0.0, error)));
+                assert_heading(&log, error);
+                // roll and pitch were asked apart
+                log.asked_angles = vec![[0.0; 3]; log.len()];
+                log.attitude.fill(from_euler(tilt[0], tilt[1], yaw + error));
+                assert_heading(&log, error);
+            }
+        }
+    }
+    // what has no heading has no error of it, and a broken sample has
+    let mut log = log();
+    log.asked_angles = vec![[0.0; 3]; log.len()];
+    log.attitude.fill(from_euler(0.0, std::f64::consts::FRAC_PI_2, 0.0));
+    assert_eq!(log.summary(2.0).max_heading_error, Some(0.0));
+    log.attitude[5] = [f64::NAN; 4];
+    assert_eq!(log.summary(2.0).heading_rmse, None);
+}
+
+fn assert_heading(log: &FlightLog, error: f64) {
+    let off = log.heading_error().iter().map(|own| (own - error).abs()).fold(0.0, f64::max);
+    // measured: 5e-15
+    assert!(off < 1e-13, "{error}: {off:e}");
+    let summary = log.summary(2.0);
+    let [rmse, most] = [summary.heading_rmse, summary.max_heading_error].map(|v| v.unwrap() - error.abs());
+    assert!(rmse.abs() < 1e-13 && most.abs() < 1e-13, "{error}: {rmse:e} {most:e}");
 }
 
 #[test]

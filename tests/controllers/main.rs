@@ -11,6 +11,7 @@ mod integral;
 mod linear;
 mod loop_model;
 mod lqr;
+mod mishaps;
 mod over_actuated;
 mod recovery;
 mod robustness;

@@ -36,7 +36,9 @@ pub struct FlightArguments {
     ///   kind = "lemniscate"    # origin, scale [m], rate [rad/s], vertical, rotation, yaw
     ///   kind = "hover"         # position [m], yaw [rad]
     ///   kind = "step"          # from, to [m], time [s], yaw
-    ///   kind = "waypoints"     # points = [{ time = 0, position = [0, 0, 2] }, …]
+    ///   kind = "waypoints"     # points = [{ time = 0, position = [0, 0, 2], yaw = 0 }, …], turns
+    /// Yaw is in radians. Between waypoints it turns the short way, by half a turn at most: 3.1 and -3.1 are 5° apart. With
+    /// turns = true it is taken as it is given: from 0 to 6.283 is one full turn.
     #[arg(long, value_name = "NAME|FILE.toml", help_heading = "Flight", verbatim_doc_comment)]
     pub reference: Option<String>,
     /// Simulation step [s], above 0 and at most 1; commands are held within a step

@@ -5,6 +5,7 @@ mod beside;
 mod derivatives;
 mod drop;
 mod flown;
+mod verdict;
 
 use self::around::Around;
 use self::beside::Beside;
@@ -12,21 +13,25 @@ use self::derivatives::Derivatives;
 use self::flown::{Flown, write};
 use super::arguments::{self, FlightArguments, OutputArguments, VehicleArguments};
 use super::failure::{FailureArguments, Story};
+use super::page::short;
 use super::robot::{self, Robot};
 use super::source::{self, Source};
 use super::{Report, files, progress};
+use omnidrones::controllers::mishap::lowest_point;
 use omnidrones::controllers::reference::Lemniscate;
 use omnidrones::controllers::registry::{controller, steerable};
 use omnidrones::controllers::{
-    ChainRamp, ChainShape, Controller, FlightPlan, Reference, Setup, Tilt, Vectored, default_controller, fly, vectored,
+    ChainRamp, ChainShape, Controller, FlightPlan, Reference, Setup, Tilt, Vectored, default_controller, fly, judge,
+    vectored,
 };
 use omnidrones::dynamics::aero::wind::Wind;
-use omnidrones::dynamics::configurations::environment::vehicle_in;
+use omnidrones::dynamics::assembly::Member;
+use omnidrones::dynamics::configurations::environment::{environment, vehicle_in};
+use omnidrones::dynamics::scene::Scene;
 use omnidrones::dynamics::sensors::{SensorConfig, SensorFile, SensorSet};
 use omnidrones::dynamics::{Effects, Gains, Plant};
 use omnidrones::error::{Error, Result};
 use omnidrones::rl::{PolicyController, load_policy};
-use omnidrones_plot::model;
 use omnidrones_plot::robot::joints;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -78,17 +83,22 @@ Examples:
   omnidrones fly payload --drop=0.5                   falls half a metre to the ground
   omnidrones fly hummingbird --scene forest:3 --reference hover   a forest in front of it
   omnidrones fly hummingbird --scene rubble:1 --drop  falls onto blocks
+  omnidrones fly hummingbird --fail 0 --no-ground     how a quadrotor falls without a rotor, wherever the ground is
 
 Files in --out: overview, path, error, rotors, attitude, rates (.png or .svg), and with --csv flight.csv (one line per step, \
 units in the header; under a cascade with the thrust, attitude and body rates that its levels commanded; with --sensors their readings), with --npz flight.npz (the same as arrays, and the state). With --beside also beside, with --replay replay.html. Of a configuration also joints (angles) and with --csv joints.csv; with --sensors sensor_NAME; of a drop only drop, drop.csv, replay.html.
 
 The tracking RMSE is the root mean square distance to the reference after the first 2 s (over the whole flight if it is \
-no longer than that).
+no longer than that); so is the heading's, against the reference's yaw.
+
+The ground is the plane z = 0, or that of --scene. A flight fails where its lowest point comes more than 10 mm below it, or touches it \
+where contact is simulated. A reference may begin or end on the ground: where it is lower than a vehicle stands, the vehicle stands on \
+it. --no-ground leaves it out.
 
 JSON: SI units, radians; thrusts and saturation as shares of 1; null where a number does not exist.
 
-Exit codes: 0 flown; 1 the flight diverged, was lost (more than 10 m from its reference, or farther than 5 m in the end), or its \
-RMSE is not finite or above --max-rmse; 2 unusable input or arguments.";
+Exit codes: 0 flown; 1 the flight diverged, was lost (more than 10 m from its reference, or farther than 5 m in the end), went into \
+the ground or into something of --scene, turned its load over (by more than 90°), or its RMSE is not finite or above --max-rmse; 2 unusable input or arguments.";
 
 /// Arguments of `fly`.
 #[derive(Debug, clap::Args)]
@@ -138,6 +148,11 @@ pub struct Arguments {
     /// [[obstacles]] and [[mesh]] tables (docs/flying.md). Switches the effect 'contact' on.
     #[arg(long, value_name = "KIND[:SEED]|FILE.toml", help_heading = "Flight")]
     scene: Option<String>,
+    /// Leave the ground out: a flight below z = 0 is no failure, and nothing touches it
+    ///
+    /// A file of --scene says itself what ground there is.
+    #[arg(long, conflicts_with_all = ["scene", "drop"], help_heading = "Flight")]
+    no_ground: bool,
     /// Length of the flight [s] [default: 15, or to 2 s after the last waypoint; configurations 20, drops 3]
     #[arg(long, value_name = "SECONDS", help_heading = "Flight")]
     duration: Option<f64>,
@@ -263,6 +278,9 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let around = Around::of(a)?;
     if let Some(around) = &around {
         robot.model = around.with(robot.model)?;
+    } else if a.no_ground {
+        robot.model =
+            environment(robot.model.name().to_string(), &[Member::new("", robot.model, [0.0; 3])], &Scene::default())?;
     }
     // what nobody steers yet falls
     let alone = !robot.model.drones().is_empty() && !steerable(&robot.model);
@@ -288,6 +306,7 @@ struct Flyer {
     plan: FlightPlan,
     what: What,
     around: Option<Around>,
+    warnings: Vec<String>,
 }
 
 /// Where it comes from.
@@ -324,12 +343,13 @@ fn vehicle(a: &Arguments, around: Option<Around>) -> Result<Flyer> {
     let (gains, gains_name) = a.flight.gains(&source.vehicle)?;
     let usual = if plan.failures.is_empty() { "cascade" } else { "fault_tolerant" };
     let name = a.controller.as_deref().unwrap_or(usual);
-    let controller = match policy(a, &believed)? {
+    let mut warnings = Vec::new();
+    let controller = match policy(a, &believed, &mut warnings)? {
         Some(policy) => policy,
         None => controller(name, &believed, &Setup::new(Some(&gains), &plan.rates))?,
     };
     let what = What::Vehicle { source: Box::new(source), gains, gains_name };
-    Ok(Flyer { plant, controller, plan, what, around })
+    Ok(Flyer { plant, controller, plan, what, around, warnings })
 }
 
 /// A configuration.
@@ -343,8 +363,9 @@ fn configured(a: &Arguments, robot: Robot, around: Option<Around>) -> Result<Fly
     plan.tilt = a.tilt()?;
     fail(a, &plant, &mut plan)?;
     (plan.latency, plan.sensors) = (a.latency, sensors(a, &plant)?);
-    let controller = model_controller(a, &plant, &plan)?;
-    Ok(Flyer { plant, controller, plan, what: What::Model(Box::new(robot)), around })
+    let mut warnings = Vec::new();
+    let controller = model_controller(a, &plant, &plan, &mut warnings)?;
+    Ok(Flyer { plant, controller, plan, what: What::Model(Box::new(robot)), around, warnings })
 }
 
 /// The sensors of the arguments, refused before anything is made where the plant cannot carry them.
@@ -362,10 +383,20 @@ fn sensors(a: &Arguments, plant: &Plant) -> Result<Vec<SensorConfig>> {
     Ok(list)
 }
 
-/// The policy of the arguments.
-fn policy(a: &Arguments, plant: &Plant) -> Result<Option<Box<dyn Controller>>> {
+/// The policy of the arguments, with a warning where it was trained on something else.
+fn policy(a: &Arguments, plant: &Plant, warnings: &mut Vec<String>) -> Result<Option<Box<dyn Controller>>> {
     let Some(run) = &a.policy else { return Ok(None) };
-    Ok(Some(Box::new(PolicyController::new(load_policy(run)?, plant)?)))
+    let policy = PolicyController::new(load_policy(run)?, plant)?;
+    let told = |p: &Plant| format!("'{}' of {} kg", p.name(), short(p.mass(), 3));
+    let (own, other) = (policy.trained_on(), plant);
+    if own.name() != other.name() || (own.mass() / other.mass() - 1.0).abs() > 1e-6 {
+        warnings.push(format!(
+            "the policy was trained on {}; it flies {}, which it has never seen",
+            told(own),
+            told(other)
+        ));
+    }
+    Ok(Some(Box::new(policy)))
 }
 
 /// The failures of the arguments.
@@ -390,7 +421,7 @@ fn model_plant(a: &Arguments, robot: &Robot, contact: bool) -> Result<Plant> {
 /// What was asked, else a slow lemniscate high enough for what hangs below.
 fn reference(a: &Arguments, plant: &Plant) -> Result<Reference> {
     let (None, Some(system)) = (&a.flight.reference, plant.tree()) else { return a.flight.reference() };
-    let below = -model::lowest(system, &system.rest_state());
+    let below = -lowest_point(system, &system.rest_state());
     let usual = Lemniscate::default();
     let dip = usual.scale[2] * usual.vertical;
     let height = (ROOM + dip + below).max(usual.origin[2]);
@@ -398,9 +429,14 @@ fn reference(a: &Arguments, plant: &Plant) -> Result<Reference> {
 }
 
 /// Who flies a configuration, in what shape.
-fn model_controller(a: &Arguments, plant: &Plant, plan: &FlightPlan) -> Result<Box<dyn Controller>> {
+fn model_controller(
+    a: &Arguments,
+    plant: &Plant,
+    plan: &FlightPlan,
+    warnings: &mut Vec<String>,
+) -> Result<Box<dyn Controller>> {
     let gains = a.flight.own_gains()?;
-    if let Some(policy) = policy(a, plant)? {
+    if let Some(policy) = policy(a, plant, warnings)? {
         a.level()?;
         return Ok(policy);
     }
@@ -446,7 +482,7 @@ fn alone(effects: &Effects) -> Result<()> {
 }
 
 fn flown(a: &Arguments, flyer: Flyer) -> Result<Report> {
-    let Flyer { plant, mut controller, plan, what, around } = flyer;
+    let Flyer { plant, mut controller, plan, what, around, warnings } = flyer;
     let earlier = a.beside.as_deref().map(Beside::read).transpose()?;
     let folder = folder(a, plant.name())?;
     let bar = progress::bar(plan.n_step()?, "flying", a.output.json);
@@ -478,10 +514,9 @@ fn flown(a: &Arguments, flyer: Flyer) -> Result<Report> {
         earlier.figure(&flight.log).save(&path)?;
         written.push(path);
     }
-    let (mut histories, mut lowest, mut approach) = (Vec::new(), None, None);
+    let judgement = judge(&plant, &flight, !a.no_ground)?;
+    let (mut histories, mut approach) = (Vec::new(), None);
     if let Some(system) = plant.tree() {
-        let rows = flight.states.chunks_exact(system.rest_state().len()).step_by(5);
-        lowest = Some(rows.map(|row| model::lowest(system, row)).fold(f64::INFINITY, f64::min));
         histories = joints(system, &flight.states);
         approach = around.and_then(|around| around.approach(system, &flight));
     }
@@ -491,9 +526,10 @@ fn flown(a: &Arguments, flyer: Flyer) -> Result<Report> {
         summary: flight.log.summary(after),
         beside: earlier.map(|earlier| earlier.compare(&flight.log, after)),
         joints: histories,
-        lowest,
+        judgement,
         approach,
         learnt: a.policy.is_some(),
+        warnings,
         derivatives,
         story,
         what,

@@ -117,6 +117,8 @@ pub struct Panel {
     pub x_range: Option<(f64, f64)>,
     /// Fixed range of y instead of that of the data.
     pub y_range: Option<(f64, f64)>,
+    /// Least range of y that the data are drawn over: below it they are rounding.
+    pub least_span: f64,
     /// Makes y start at zero when no value is negative.
     pub from_zero: bool,
     /// Logarithmic x; values ≤ 0 are gaps.
@@ -170,6 +172,12 @@ impl Panel {
     /// With a fixed range of y.
     pub fn y_range(mut self, lo: f64, hi: f64) -> Self {
         self.y_range = Some((lo, hi));
+        self
+    }
+
+    /// With y over at least this range.
+    pub fn least_span(mut self, span: f64) -> Self {
+        self.least_span = span;
         self
     }
 
@@ -255,16 +263,17 @@ impl Panel {
         Axis::fit(lo, hi, self.log_x, if markers { 0.03 } else { 0.0 }, ((width / 60.0) as usize).clamp(2, 10))
     }
 
-    fn y_axis(&self, height: f64) -> Axis {
+    pub(super) fn y_axis(&self, height: f64) -> Axis {
         let wanted = ((height / 32.0) as usize).clamp(2, 8);
         if let Some((lo, hi)) = self.y_range {
             return Axis::fit(lo, hi, self.log_y, 0.0, wanted);
         }
         let (lo, hi) = self.extent(false);
         if self.from_zero && !self.log_y && lo >= 0.0 && hi > 0.0 && drawable(hi, false) {
-            return Axis::fit(0.0, 1.06 * hi, false, 0.0, wanted);
+            return Axis::fit(0.0, 1.06 * hi.max(self.least_span), false, 0.0, wanted);
         }
-        Axis::fit(lo, hi, self.log_y, 0.06, wanted)
+        let short = if self.log_y { 0.0 } else { (0.5 * (self.least_span - (hi - lo))).max(0.0) };
+        Axis::fit(lo - short, hi + short, self.log_y, 0.06, wanted)
     }
 
     /// Decides everything that depends on the room: header, axes, margins.

@@ -7,6 +7,10 @@ use std::path::{Path, PathBuf};
 
 /// Most vehicles drawn along a path.
 const POSES: usize = 9;
+/// Least ranges of axes, m, degrees and rad/s: what a steady hover is within is rounding.
+const LEAST_LENGTH: f64 = 1e-4;
+const LEAST_ANGLE: f64 = 0.01;
+const LEAST_RATE: f64 = 1e-4;
 
 /// The six figures of a flight, with the key figures over t ≥ `after` (s).
 #[derive(Debug, Clone, PartialEq)]
@@ -102,7 +106,7 @@ pub(super) fn beside(figure: Figure, path: Path3d, panels: impl Iterator<Item = 
 /// Where it was and where it should have been, per axis.
 pub(super) fn position_panel(log: &FlightLog) -> Panel {
     let of = |rows: &[[f64; 3]], k: usize| timed(log, rows.iter().map(|p| p[k]));
-    let mut panel = Panel::new("Position", "time [s]", "position [m]");
+    let mut panel = Panel::new("Position", "time [s]", "position [m]").least_span(LEAST_LENGTH);
     for (k, name) in ["x", "y", "z"].into_iter().enumerate() {
         panel = panel.series(Series::line(name, of(&log.position, k)).colour(Colour::nth(k)).width(1.2));
     }
@@ -227,7 +231,7 @@ fn excluded(panel: Panel, log: &FlightLog, after: f64) -> Panel {
 pub(super) fn error_panel(log: &FlightLog, after: f64, with_axes: bool) -> Panel {
     let title = if with_axes { "Tracking error" } else { "Distance to the reference" };
     let unit = Unit::of(log);
-    let mut panel = Panel::new(title, "time [s]", unit.label);
+    let mut panel = Panel::new(title, "time [s]", unit.label).least_span(unit.scale * LEAST_LENGTH);
     if with_axes {
         panel.series = axis_errors(log, unit);
     } else {
@@ -271,9 +275,9 @@ fn cut_transient(mut panel: Panel, log: &FlightLog, after: f64) -> Panel {
     let unit = Unit::of(log);
     if let (Some(late), Some(first)) = (log.max_error(after), log.error_norm().first().copied())
         && late > 0.0
-        && first > 3.0 * late
+        && first > 3.0 * late.max(LEAST_LENGTH)
     {
-        let most = 1.5 * unit.scale * late;
+        let most = 1.5 * unit.scale * late.max(LEAST_LENGTH);
         panel.y_range = Some((if panel.from_zero { 0.0 } else { -most }, most));
         panel.title += &format!(" (start cut off, {} {})", super::axis::short(unit.scale * first), unit.name);
     }
@@ -290,7 +294,7 @@ fn axis_errors(log: &FlightLog, unit: Unit) -> Vec<Series> {
 
 fn axis_error_panel(log: &FlightLog, after: f64) -> Panel {
     let unit = Unit::of(log);
-    let mut panel = Panel::new("Error per axis", "time [s]", unit.label);
+    let mut panel = Panel::new("Error per axis", "time [s]", unit.label).least_span(unit.scale * LEAST_LENGTH);
     panel.series = axis_errors(log, unit);
     cut_transient(excluded(panel, log, after), log, after)
 }
@@ -397,7 +401,7 @@ fn angle_panels(log: &FlightLog) -> [Panel; 3] {
     [0, 1, 2].map(|k| {
         let name = ANGLES[k];
         let title = name[..1].to_uppercase() + &name[1..];
-        let panel = Panel::new(title, "time [s]", format!("{name} [°]"));
+        let panel = Panel::new(title, "time [s]", format!("{name} [°]")).least_span(LEAST_ANGLE);
         let wanted = degrees(log, &asked, k);
         let panel = if commanded.is_empty() {
             panel.series(asked_series(BY_REFERENCE, wanted, 1.0))
@@ -419,7 +423,8 @@ const BY_REFERENCE: &str = "asked by the reference";
 fn rate_panels(log: &FlightLog) -> [Panel; 3] {
     [0, 1, 2].map(|k| {
         let axis = ["x", "y", "z"][k];
-        let mut panel = Panel::new(format!("Rate about body {axis}"), "time [s]", "rate [rad/s]");
+        let mut panel =
+            Panel::new(format!("Rate about body {axis}"), "time [s]", "rate [rad/s]").least_span(LEAST_RATE);
         if !log.commanded.is_empty() {
             let asked = timed(log, log.commanded.iter().map(|c| c.angular_velocity[k]));
             panel = panel.series(asked_series(COMMANDED, asked, 1.0));
@@ -434,7 +439,7 @@ pub(super) fn attitude_panel(log: &FlightLog) -> Panel {
     let (actual, commanded) = (log.euler_angles(), log.commanded_euler_angles());
     let (name, asked) =
         if commanded.is_empty() { ("reference", log.reference_euler_angles()) } else { (COMMANDED, commanded) };
-    let mut panel = Panel::new("Attitude", "time [s]", "angle [°]");
+    let mut panel = Panel::new("Attitude", "time [s]", "angle [°]").least_span(LEAST_ANGLE);
     for k in 0..3 {
         panel = panel.series(asked_series(name, degrees(log, &asked, k), 0.8));
     }
@@ -447,6 +452,20 @@ pub(super) fn attitude_panel(log: &FlightLog) -> Panel {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn rounding_is_drawn_flat_and_what_is_larger_over_its_own_range() {
+        let span = |size: f64| {
+            let points = (0..9).map(|i| (f64::from(i), 2.0 + size * f64::from(i % 2))).collect();
+            let panel = Panel::new("", "", "").least_span(LEAST_LENGTH).series(Series::line("", points));
+            let axis = panel.y_axis(200.0);
+            size / (axis.unit(2.0 + size) - axis.unit(2.0))
+        };
+        // measured: 1.12e-4 for 1e-14 and 1e-7, 1.12 times the range beyond
+        for (size, whole) in [(1e-12, LEAST_LENGTH), (1e-7, LEAST_LENGTH), (1e-3, 1e-3), (1.0, 1.0)] {
+            assert!((span(size) / whole - 1.12).abs() < 0.02, "{size}: {}", span(size));
+        }
+    }
 
     #[test]
     fn curves_of_rotors_count_from_0() {

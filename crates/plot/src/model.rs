@@ -2,8 +2,9 @@
 
 use super::drawing::{Drawing, Item, Label};
 use super::{Colour, Figure};
+use omnidrones::controllers::mishap::lowest_point;
 use omnidrones::dynamics::shape::Geometry;
-use omnidrones::dynamics::spatial::{add, cross, dot, from_matrix, mat_vec, matrix, multiply, scale, sub, transpose};
+use omnidrones::dynamics::spatial::{add, dot, from_matrix, mat_vec, matrix, multiply, scale, sub, transpose};
 use omnidrones::dynamics::tree::{Model, Motion, Multibody, Pose, body_poses};
 
 /// Surfaces of bodies that carry rotors, and of the others.
@@ -18,7 +19,7 @@ pub const ROTOR_RADIUS: f64 = 0.08;
 pub fn figure(system: &Multibody, state: &[f64]) -> Figure {
     let model = system.model();
     let items = items(system, state);
-    let floor = lowest(system, state);
+    let floor = lowest_point(system, state);
     let main = Drawing::new("", items.clone()).labels(labels(system, state)).floor(floor).legend();
     let above = Drawing::new("from above", items.clone()).seen_from(-90.0, 90.0);
     let side = side_view(items);
@@ -210,34 +211,6 @@ const JOINT_NAME: Colour = Colour(163, 72, 121);
 fn visible_middle(model: &Model, body: usize) -> [f64; 3] {
     let own = model.shapes().iter().find(|s| s.body == Some(body));
     own.map_or(model.bodies()[body].center_of_mass, |s| s.shape.position)
-}
-
-/// Height of the lowest point of shapes and rotors, m; of the lowest body's origin where there are none.
-pub fn lowest(system: &Multibody, state: &[f64]) -> f64 {
-    let (model, poses) = (system.model(), body_poses(system, state));
-    let mut least = f64::INFINITY;
-    for shape in model.shapes() {
-        let Some(b) = shape.body else { continue };
-        let center = on(&poses[b], shape.shape.position)[2];
-        let turn = transpose(matrix(multiply(from_matrix(poses[b].rotation), shape.shape.rotation)));
-        least = least.min(center - below(&shape.shape.geometry, turn));
-    }
-    for rotor in model.rotors() {
-        let pose = &poses[rotor.body];
-        let axis = mat_vec(pose.rotation, rotor.rotor.axis);
-        let flat = cross(axis, [0.0, 0.0, 1.0]);
-        least = least.min(on(pose, rotor.rotor.position)[2] - rotor.rotor.radius * dot(flat, flat).sqrt());
-    }
-    if least.is_finite() { least } else { poses.iter().map(|p| p.position[2]).fold(f64::INFINITY, f64::min) }
-}
-
-/// How far a geometry with axes `turn` reaches below its centre, m.
-fn below(geometry: &Geometry, turn: [[f64; 3]; 3]) -> f64 {
-    match *geometry {
-        Geometry::Sphere { radius } => radius,
-        Geometry::Capsule { radius, length } => radius + 0.5 * length * turn[2][2].abs(),
-        Geometry::Box { size } => (0..3).map(|k| 0.5 * size[k] * turn[k][2].abs()).sum(),
-    }
 }
 
 fn on(pose: &Pose<f64>, point: [f64; 3]) -> [f64; 3] {

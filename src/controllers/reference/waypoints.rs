@@ -6,6 +6,7 @@ use crate::dynamics::spatial::Vec3;
 use crate::error::{Error, Result};
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
+use std::f64::consts::{PI, TAU};
 
 /// Most points of one path: the system to solve has eight rows per segment.
 pub const MAX_WAYPOINTS: usize = 64;
@@ -24,7 +25,8 @@ pub struct Waypoint {
     pub time: f64,
     /// World, m.
     pub position: [f64; 3],
-    /// rad, not wrapped: from 0 to 2π is one full turn. Default 0.
+    /// rad. A path turns the short way to it, by half a turn at most, unless it counts full turns
+    /// ([`Waypoints::with_turns`]). Default 0.
     #[serde(default)]
     pub yaw: f64,
 }
@@ -33,6 +35,9 @@ pub struct Waypoint {
 #[serde(deny_unknown_fields)]
 struct Config {
     points: Vec<Waypoint>,
+    /// Whether yaw is taken as it is given, full turns included.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    turns: bool,
 }
 
 /// Piecewise polynomials of degree 7 through the points, at rest at both ends (velocity, acceleration and jerk zero)
@@ -44,6 +49,7 @@ struct Config {
 #[serde(try_from = "Config", into = "Config")]
 pub struct Waypoints {
     points: Vec<Waypoint>,
+    turns: bool,
     /// Per segment and power of s = (t − tᵢ)/(tᵢ₊₁ − tᵢ): x, y, z, yaw.
     segments: Vec<[[f64; 4]; TERMS]>,
 }
@@ -51,13 +57,13 @@ pub struct Waypoints {
 impl TryFrom<Config> for Waypoints {
     type Error = Error;
     fn try_from(config: Config) -> Result<Self> {
-        Self::new(config.points)
+        Self::solved(config.points, config.turns)
     }
 }
 
 impl From<Waypoints> for Config {
     fn from(w: Waypoints) -> Self {
-        Self { points: w.points }
+        Self { points: w.points, turns: w.turns }
     }
 }
 
@@ -71,14 +77,25 @@ impl Default for Waypoints {
 }
 
 impl Waypoints {
-    /// Solves for the path through 2 to [`MAX_WAYPOINTS`] points.
+    /// Solves for the path through 2 to [`MAX_WAYPOINTS`] points that turns the short way from yaw to yaw: 3.1 and −3.1 rad
+    /// are 5° apart.
     pub fn new(points: Vec<Waypoint>) -> Result<Self> {
-        validate(&points)?;
-        let segments = solve(&points)?;
-        Ok(Self { points, segments })
+        Self::solved(points, false)
     }
 
-    /// The points.
+    /// As [`Waypoints::new`], every yaw taken as it is given: from 0 to 2π is one full turn.
+    pub fn with_turns(points: Vec<Waypoint>) -> Result<Self> {
+        Self::solved(points, true)
+    }
+
+    fn solved(points: Vec<Waypoint>, turns: bool) -> Result<Self> {
+        validate(&points)?;
+        let yaws = if turns { points.iter().map(|p| p.yaw).collect() } else { unwrapped(&points) };
+        let segments = solve(&points, &yaws)?;
+        Ok(Self { points, turns, segments })
+    }
+
+    /// The points, as they were given.
     pub fn points(&self) -> &[Waypoint] {
         &self.points
     }
@@ -146,6 +163,18 @@ impl Curve for Waypoints {
     }
 }
 
+/// Each yaw within half a turn of the one before; a yaw half a turn away stays on the side where it was given.
+fn unwrapped(points: &[Waypoint]) -> Vec<f64> {
+    let (mut yaws, mut turns) = (vec![points[0].yaw], 0.0);
+    for pair in points.windows(2) {
+        let change = pair[1].yaw - pair[0].yaw;
+        // rounding makes no turn of half a one
+        turns += change.signum() * ((change.abs() - PI) / TAU - 1e-9).ceil().max(0.0);
+        yaws.push(pair[1].yaw - TAU * turns);
+    }
+    yaws
+}
+
 fn validate(points: &[Waypoint]) -> Result<()> {
     if points.len() < 2 || points.len() > MAX_WAYPOINTS {
         return Err(Error::limit(
@@ -188,9 +217,9 @@ fn validate(points: &[Waypoint]) -> Result<()> {
 /// The 8n conditions on n segments: ends of every segment, rest at both ends of the path, and continuity of
 /// derivatives 1 to 6 at the inner points. With s ∈ [0, 1] on each segment, derivative k over k! at s = 1 is
 /// Σⱼ C(j, k) cⱼ, and at s = 0 it is c_k.
-fn solve(points: &[Waypoint]) -> Result<Vec<[[f64; 4]; TERMS]>> {
+fn solve(points: &[Waypoint], yaws: &[f64]) -> Result<Vec<[[f64; 4]; TERMS]>> {
     let n = points.len() - 1;
-    let target = |i: usize| [points[i].position[0], points[i].position[1], points[i].position[2], points[i].yaw];
+    let target = |i: usize| [points[i].position[0], points[i].position[1], points[i].position[2], yaws[i]];
     let duration = |i: usize| points[i + 1].time - points[i].time;
     let mut a = DMatrix::zeros(TERMS * n, TERMS * n);
     let mut b = DMatrix::zeros(TERMS * n, 4);
@@ -294,6 +323,57 @@ mod tests {
         }
         assert_eq!(reference.duration(), Some(4.0));
         assert_eq!(reference.sample(9.0).velocity, [0.0; 3]);
+    }
+
+    /// (largest change of yaw over the path, yaw at its end less that at its start), rad.
+    fn turned(yaws: &[f64], turns: bool) -> [f64; 2] {
+        let point =
+            |(i, yaw): (usize, &f64)| Waypoint { time: 1.5 * i as f64, position: [i as f64, 0.0, 1.0], yaw: *yaw };
+        let path = Waypoints::solved(yaws.iter().enumerate().map(point).collect(), turns).unwrap();
+        let at = |k: usize| path.position_and_yaw(path.end() * k as f64 / 600.0).1;
+        let range = (0..=600).map(at).fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], yaw| [a.min(yaw), b.max(yaw)]);
+        [range[1] - range[0], at(600) - at(0)]
+    }
+
+    #[test]
+    fn yaw_turns_the_short_way_wherever_it_begins_and_mirrored() {
+        for begin in [0.0, 0.3, -2.0, PI] {
+            for side in [1.0, -1.0] {
+                for full in [-9.0, -1.0, 0.0, 1.0, 5.0] {
+                    for (change, short) in
+                        [(0.2, 0.2), (6.2, 6.2 - TAU), (3.5, 3.5 - TAU), (TAU, 0.0), (PI, PI), (1e-8, 1e-8)]
+                    {
+                        let to = begin + side * change + full * TAU;
+                        let [_, end] = turned(&[begin, to], false);
+                        // a half turn from elsewhere is on either side of rounding, and either way is as short
+                        let apart = if change == PI { end.abs() - PI } else { end - side * short };
+                        // measured: 5e-14
+                        assert!(apart.abs() < 1e-12, "{begin} {side} {full} {change}: {end}");
+                    }
+                }
+            }
+        }
+        // as it was reported: 3.1 to -3.1 took 355°
+        let [range, end] = turned(&[3.0, 3.1, -3.1, -3.0], false);
+        println!("range {range:.3}, end {end:.3}");
+        // measured: 0.283 of 0.2832 rad
+        assert!(range < 0.3 && (end - (TAU - 6.0)).abs() < 1e-12, "{range} {end}");
+        let half = [turned(&[0.0, PI], false)[1], turned(&[0.0, -PI], false)[1]];
+        assert!((half[0] - PI).abs() < 1e-12 && (half[1] + PI).abs() < 1e-12, "{half:?}");
+    }
+
+    #[test]
+    fn turns_that_are_asked_for_are_taken_and_survive_a_file() {
+        for [given, end] in [[TAU, TAU], [-3.0 * TAU, -3.0 * TAU], [6.2, 6.2]] {
+            assert!((turned(&[0.0, given], true)[1] - end).abs() < 1e-12, "{given}");
+        }
+        let text = "kind = 'waypoints'\nturns = true\npoints = [{ time = 0, position = [0, 0, 1] }, \
+                    { time = 4, position = [0, 0, 1], yaw = 6.283185307179586 }]";
+        let path: Reference = toml::from_str(text).unwrap();
+        assert!((path.sample(4.0).yaw - TAU).abs() < 1e-12);
+        assert_eq!(toml::from_str::<Reference>(&toml::to_string(&path).unwrap()).unwrap(), path);
+        let short: Reference = toml::from_str(&text.replace("turns = true", "")).unwrap();
+        assert!(short.sample(4.0).yaw.abs() < 1e-12);
     }
 
     #[test]

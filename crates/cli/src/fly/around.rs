@@ -30,9 +30,6 @@ pub(super) struct Approach {
     n_gate: usize,
 }
 
-/// Every how many steps distances are looked at.
-const STRIDE: usize = 5;
-
 impl Around {
     /// The scene of the arguments.
     pub fn of(a: &Arguments) -> Result<Option<Self>> {
@@ -56,7 +53,7 @@ impl Around {
         let shapes = system.model().shapes();
         let rows = flight.states.chunks_exact(system.rest_state().len()).zip(&flight.log.time);
         let mut nearest: Option<(usize, f64, f64)> = None;
-        for (row, time) in rows.step_by(STRIDE) {
+        for (row, time) in rows {
             for separation in separations(system, row) {
                 let (i, Some(j)) = separation.shapes else { continue };
                 let Some(still) = [i, j].into_iter().find(|k| shapes[*k].body.is_none()) else { continue };
@@ -77,6 +74,12 @@ impl Around {
 }
 
 impl Approach {
+    /// Into what it flew, and how deep.
+    pub fn touch(&self) -> Option<String> {
+        let deep = length(Some(-self.distance));
+        (self.distance < 0.0).then(|| format!("it flew into '{}', {deep} deep at {} s", self.part, short(self.time, 3)))
+    }
+
     pub fn fact(&self) -> Fact {
         let of = |n: usize, what: &str| if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") };
         let things: Vec<String> = [(self.n_obstacle, "obstacle"), (self.n_gate, "gate")]

@@ -1,14 +1,19 @@
 //! Derivatives of what was flown: certificates at one step, the gradient of the error through all of them.
 
-use crate::page::{Page, duration};
+use crate::page::{Page, duration, short};
 use crate::table::{Align, Table, number};
 use omnidrones::autodiff::{Bounds, Certificate, JacobianScratch, System, certify, jacobian};
-use omnidrones::controllers::design::{GainSensitivity, sensitivity};
-use omnidrones::controllers::{ClosedLoop, Flight, FlightPlan, SmoothPoint, Target};
-use omnidrones::dynamics::{Gains, Vehicle};
+use omnidrones::controllers::design::{GainSensitivity, LoopModel, TrimTarget, sensitivity, trim};
+use omnidrones::controllers::reference::Hover;
+use omnidrones::controllers::{ClosedLoop, Flight, FlightPlan, Reference, SmoothPoint, Target};
+use omnidrones::dynamics::{Disturbance, Gains, Plant, Vehicle};
 use omnidrones::error::{Error, Result};
 use serde_json::{Value, json};
 use std::time::Instant;
+
+/// What is said of a step that lies on a kink.
+const KINK: &str = "  the flown step lies on a kink: motors at the speed they are commanded have one lag up and another down, or a command is at \
+                    its limit;\n  judged beside it, with speeds moved by 2 % of the largest";
 
 /// One system's Jacobian at a point, derived three ways.
 struct Row {
@@ -20,24 +25,27 @@ struct Row {
 }
 
 /// Certificates at the point of the flight farthest from kinks, and the gradient of its error through all of it.
+#[derive(Default)]
 pub struct Derivatives {
     certificates: Vec<Row>,
     /// And the seconds it took.
     pub through: Option<(GainSensitivity, f64)>,
     /// What was left out, and why.
     pub left_out: Vec<String>,
+    /// Whether the flown step lies on a kink, and the certificates beside it.
+    beside_kink: bool,
 }
 
 impl Derivatives {
     /// Of a flight among obstacles: gradients would pass through whatever it touched.
     pub fn none() -> Self {
         let remark = "what was flown is not the vehicle alone: fly without --scene for derivatives";
-        Self { certificates: Vec::new(), through: None, left_out: vec![remark.into()] }
+        Self { left_out: vec![remark.into()], ..Self::default() }
     }
 
     /// Of a flight of a vehicle with these gains.
     pub fn of(vehicle: &Vehicle, gains: &Gains, plan: &FlightPlan, flight: &Flight) -> Result<Self> {
-        let mut d = Self { certificates: Vec::new(), through: None, left_out: Vec::new() };
+        let mut d = Self::default();
         if flight.diverged_at.is_some() {
             d.left_out.push("the flight diverged: there is no finite point to differentiate at".into());
             return Ok(d);
@@ -56,8 +64,10 @@ impl Derivatives {
             return Ok(d);
         }
         let system = ClosedLoop::of_vehicle(vehicle, plan.air_physics(), gains, &plan.rates)?.with_gains();
-        let SmoothPoint { step, state, input, air, .. } = &flight.smoothest;
         let (plant, mut outside) = (system.plant(), vec![0.0; system.n_input()]);
+        let beside = flight.smoothest.beside_kinks(plant);
+        d.beside_kink = beside.is_some();
+        let SmoothPoint { step, state, input, air, .. } = beside.as_ref().unwrap_or(&flight.smoothest);
         system.write_input(*step, Target { reference: &plan.reference, tilt: &plan.tilt }, air, &mut outside);
         let body = &state[..plant.n_state()];
         let step = d.small_enough(certified("one step of the vehicle", plant, body, input, &[]))?;
@@ -70,6 +80,13 @@ impl Derivatives {
 
     /// Finds the gradient through the whole flight.
     fn go_through(&mut self, vehicle: &Vehicle, gains: &Gains, plan: &FlightPlan) -> Result<()> {
+        if let Some(growth) = unstable(vehicle, gains, plan)? {
+            self.left_out.push(format!(
+                "the gradient through the flight: about hover the loop is not stable ({growth}), so that it tells nothing; \
+                 'omnidrones design' says more"
+            ));
+            return Ok(());
+        }
         let start = Instant::now();
         let through = self.small_enough(sensitivity(vehicle, gains, plan))?;
         self.through = through.map(|s| (s, start.elapsed().as_secs_f64()));
@@ -116,6 +133,9 @@ impl Derivatives {
         if !self.certificates.is_empty() {
             page.table(&self.table());
             page.line(self.remark());
+            if self.beside_kink {
+                page.line(KINK);
+            }
         }
         if let Some(line) = self.gradient_line() {
             page.line(&line);
@@ -151,11 +171,17 @@ impl Derivatives {
         table
     }
 
-    fn remark(&self) -> &'static str {
-        if self.certificates.iter().all(|r| r.certificate.holds(Bounds::default())) {
-            "  reverse adjoint, forward duals and finite differences agree (relative); order 2 is exact"
-        } else {
-            "  not held: the point lies on a kink (a saturated command), or a derivative is wrong"
+    fn remark(&self) -> String {
+        let broken = || self.certificates.iter().filter(|r| !r.certificate.holds(Bounds::default()));
+        match (broken().next(), broken().find(|r| r.certificate.kinks > 0)) {
+            (None, _) => {
+                "  reverse adjoint, forward duals and finite differences agree (relative); order 2 is exact".into()
+            }
+            (_, Some(row)) => format!(
+                "  not held: {} of {} columns meet a kink here, where there is no derivative (a limit, a switch): fly another reference",
+                row.certificate.kinks, row.columns
+            ),
+            _ => "  not held: a derivative is wrong".into(),
         }
     }
 
@@ -171,11 +197,29 @@ impl Derivatives {
                 "difference_error": r.certificate.difference_error,
                 "taylor_order": r.certificate.taylor_order,
                 "value_error": r.certificate.value_error,
+                "kinks": r.certificate.kinks,
+                "beside_kink": self.beside_kink,
                 "holds": r.certificate.holds(Bounds::default()),
             })
         };
         self.certificates.iter().map(row).collect()
     }
+}
+
+/// How a loop that is not stable about hover behaves there: gradients through it grow as it does.
+fn unstable(vehicle: &Vehicle, gains: &Gains, plan: &FlightPlan) -> Result<Option<String>> {
+    let physics = plan.air_physics();
+    let Ok(trim) = trim(&Plant::of_vehicle(vehicle, physics)?, &TrimTarget::hover()) else { return Ok(None) };
+    let hover = Reference::Hover(Hover { position: [0, 1, 2].map(|k| trim.state[k]), yaw: 0.0 });
+    let closed = ClosedLoop::of_vehicle(vehicle, physics, gains, &plan.rates)?.with_latency(plan.latency)?;
+    let model = match LoopModel::new(closed, Target::level(&hover), &Disturbance::none(), &trim.state) {
+        Ok(model) => model,
+        Err(Error::Value { value, .. }) => return Ok(Some(value)),
+        Err(e) => return Err(e),
+    };
+    let largest = model.poles()?.first().map_or(0.0, |pole| pole.norm());
+    let period = model.dt * model.period() as f64;
+    Ok((largest > 1.0 + 1e-6).then(|| format!("it grows by e in {} s", short(period / largest.ln(), 3))))
 }
 
 fn certified<F: System>(what: &'static str, system: &F, x: &[f64], u: &[f64], theta: &[f64]) -> Result<Row> {

@@ -13,13 +13,13 @@ use crate::table::{Align, Table, number};
 use crate::{files, progress};
 use omnidrones::controllers::linear::{StepFigures, step_figures};
 use omnidrones::controllers::reference::Hover;
-use omnidrones::controllers::{Flight, FlightPlan, Note, Reference, RotorFailure};
+use omnidrones::controllers::{Flight, FlightPlan, Judgement, Note, Reference, RotorFailure};
 use omnidrones::dynamics::aero::wind::Wind;
 use omnidrones::dynamics::sensors::SensorConfig;
 use omnidrones::dynamics::tree::{Motion, Multibody};
 use omnidrones::dynamics::{Plant, Quantity};
 use omnidrones::error::Result;
-use omnidrones::flight::{Commanded, FlightSummary, LOST};
+use omnidrones::flight::{Commanded, FlightSummary};
 use omnidrones_plot::flight::FlightFigures;
 use omnidrones_plot::robot::{JointHistory, RobotFigures, joints};
 use omnidrones_plot::sensors::sensor_figures;
@@ -163,12 +163,14 @@ pub(super) struct Flown {
     /// With an earlier one.
     pub beside: Option<Comparison>,
     pub joints: Vec<JointHistory>,
-    /// Of a configuration, m.
-    pub lowest: Option<f64>,
+    /// How it was over the ground, and what befell it.
+    pub judgement: Judgement,
     /// Where something stands around it.
     pub approach: Option<Approach>,
     /// Whether a policy flew.
     pub learnt: bool,
+    /// What may surprise.
+    pub warnings: Vec<String>,
     pub wall_time: f64,
     pub written: Vec<PathBuf>,
 }
@@ -181,34 +183,6 @@ fn extremes(history: &JointHistory) -> [f64; 2] {
 }
 
 impl Flown {
-    /// Whether it flew, or why not.
-    pub fn verdict(&self, max_rmse: Option<f64>) -> std::result::Result<(), String> {
-        if let Some(t) = self.flight.diverged_at {
-            return Err(format!(
-                "the flight diverged at {} s: gains too high for dt, or a reference or shape beyond what flies",
-                short(t, 4)
-            ));
-        }
-        if let Some((at, far)) = self.flight.lost() {
-            let left = self.story.as_ref().map_or_else(String::new, |s| format!(" ({})", s.left()));
-            let at = short(at, 4);
-            let far = length(far);
-            return Err(match &self.what {
-                What::Vehicle { .. } => {
-                    format!(
-                        "the vehicle was lost at {at} s, too far from its reference, and came as far as {far} from it{left}"
-                    )
-                }
-                What::Model(robot) => format!(
-                    "the vehicle was lost at {at} s: '{}' came as far as {far} from its reference; try a slower --reference, hover, or \
-                     less of --roll, --pitch or --shape",
-                    robot.model.name()
-                ),
-            });
-        }
-        tracked(&self.summary, max_rmse)
-    }
-
     /// The flight as a page for a browser.
     pub fn replay(&self) -> String {
         let mut recording = omnidrones_viewer::flight(&self.plant, &self.flight, &self.plan);
@@ -252,6 +226,7 @@ impl Flown {
             }
         }
         page.heading("Flight").facts(&self.facts());
+        page.notes("warning:", &self.warnings, 8, "");
         if let (Some(story), What::Vehicle { source, .. }) = (&self.story, &self.what) {
             story.page(&mut page, &source.vehicle, &self.plan);
         }
@@ -341,19 +316,13 @@ impl Flown {
         facts.extend([
             Fact::new("tracking RMSE", length(s.rmse)).note(from),
             Fact::new("largest error", length(s.max_error)).note(with_start),
+            self.heading_fact(),
             Fact::new("top speed", format!("{} m/s", number(s.max_speed, 2))),
             Fact::new("largest tilt", format!("{}°", number(s.max_tilt.map(f64::to_degrees), 1))).note(whose),
             Fact::new("rotors at a limit", format!("{} %", number(s.saturation.map(|v| 100.0 * v), 1)))
                 .note("of all commands"),
         ]);
-        if let Some(lowest) = self.lowest {
-            let ground = match (lowest < 0.0, plan.physics.effects.contact) {
-                (false, _) => "of all bodies and rotors, over the whole flight",
-                (true, true) => "of all bodies and rotors: it touched the ground",
-                (true, false) => "below the ground at 0, which is not simulated here: --effects contact",
-            };
-            facts.push(Fact::new("lowest point", format!("{} m", short(lowest, 3))).note(ground));
-        }
+        facts.push(self.lowest_fact());
         facts.extend(self.approach.iter().map(Approach::fact));
         if let Some(step) = self.step() {
             let seconds = |t: f64| if t.is_finite() { format!("{} s", short(t, 3)) } else { "never".into() };
@@ -472,9 +441,11 @@ impl Flown {
                 };
                 value["configuration"] = json!(robot.model.name());
                 value["joints"] = self.joints.iter().map(joint).collect();
-                value["lowest"] = json!(self.lowest);
             }
         }
+        value["lowest"] = json!(self.judgement.lowest);
+        value["mishaps"] = json!(self.judgement.mishaps);
+        value["warnings"] = json!(self.warnings);
         if let Some(approach) = &self.approach {
             value["scene"] = approach.json();
         }
@@ -510,24 +481,5 @@ fn describe_wind(wind: &Wind) -> Option<(&'static str, String)> {
             let gusts = d.intensity().map(|s| short(s, 2)).join(", ");
             Some(("Dryden", format!("mean {} m/s, gusts of {gusts} m/s rms along, across, up", three(&d.mean))))
         }
-    }
-}
-
-/// Whether a flight kept to its reference, or why not.
-pub fn tracked(summary: &FlightSummary, max_rmse: Option<f64>) -> std::result::Result<(), String> {
-    if let Some(since) = summary.lost_at {
-        let far = length(summary.max_error_overall);
-        return Err(format!(
-            "the reference was lost: farther than {} from {} s to the end, {far} at most",
-            length(LOST),
-            short(since, 3)
-        ));
-    }
-    match (summary.rmse, max_rmse) {
-        (None, _) => Err("the tracking RMSE is not finite".into()),
-        (Some(rmse), Some(limit)) if rmse > limit => {
-            Err(format!("the tracking RMSE of {} exceeds --max-rmse {}", length(rmse), length(limit)))
-        }
-        _ => Ok(()),
     }
 }

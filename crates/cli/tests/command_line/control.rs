@@ -91,7 +91,10 @@ fn a_flight_with_late_commands_keeps_to_its_path_where_design_says_that_the_loop
         let (page, _) =
             exits(code, folder.path(), &["fly", "iris", "--latency", late, "--no-plots", "--max-rmse", "0.05"]);
         assert!(page.contains(&format!("{late} steps")) && page.contains("commands act"), "{page}");
-        assert!(page.contains("gradient of the RMSE") && page.contains("fly without --latency"), "{page}");
+        assert!(page.contains("fly without --latency"), "{page}");
+        // a gradient through a loop that grows is as large as it has grown: 320 m for 10 % more of a gain, where it was told
+        assert_eq!(page.contains("most felt"), code == 0, "{page}");
+        assert_eq!(page.contains("about hover the loop is not stable (it grows by e in "), code == 1, "{page}");
     }
 }
 

@@ -79,6 +79,35 @@ fn every_vehicle_flies_with_certified_derivatives() {
 }
 
 #[test]
+fn derivatives_are_certified_along_every_reference_and_a_kink_is_named() {
+    let folder = temporary();
+    for model in omnidrones::dynamics::vehicles::all() {
+        for reference in omnidrones::controllers::Reference::names() {
+            let arguments = ["fly", &model.name, "--reference", reference, "--duration", "3", "--no-plots"];
+            let flown = json(0, folder.path(), &[&arguments[..], &["--json"]].concat());
+            let rows = flown["derivatives"].as_array().expect("a list");
+            assert_eq!(rows.len(), 2, "{} {reference}: {}", model.name, flown["left_out"]);
+            for row in rows {
+                assert_eq!(
+                    (&row["holds"], &row["kinks"]),
+                    (&true.into(), &0.into()),
+                    "{} {reference}: {row}",
+                    model.name
+                );
+            }
+            // motors that run as they are commanded are on a kink where they slow down otherwise than they speed up
+            let alike = model.rotors.iter().all(|r| r.time_constant_up == r.time_constant_down);
+            if *reference == "hover" && !alike {
+                assert_eq!(rows[0]["beside_kink"], true, "{}", model.name);
+            }
+        }
+    }
+    let (page, _) = exits(0, folder.path(), &["fly", "iris", "--reference", "hover", "--no-plots", "--duration", "3"]);
+    assert!(page.contains("the flown step lies on a kink: motors") && page.matches("certified").count() == 2, "{page}");
+    assert!(!page.contains("a derivative is wrong"), "{page}");
+}
+
+#[test]
 fn a_flight_writes_svg_and_csv_where_it_is_told() {
     let folder = temporary();
     let arguments =

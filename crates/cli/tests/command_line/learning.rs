@@ -252,6 +252,34 @@ fn a_policy_that_does_not_fit_is_refused_by_what_differs_and_runs_that_exist_are
 }
 
 #[test]
+fn a_policy_of_another_vehicle_or_another_mass_is_flown_with_a_warning() {
+    let folder = temporary();
+    let folder = folder.path();
+    json(folder, &tiny(&["--no-plots", "--no-baseline"]));
+    let (own, _) = exits(0, folder, &["models", "hummingbird", "--toml"]);
+    let mass = own.lines().find(|line| line.starts_with("mass = ")).expect("a part with a mass");
+    std::fs::write(folder.join("own.toml"), &own).expect("written");
+    std::fs::write(folder.join("heavy.toml"), own.replacen(mass, "mass = 0.9", 1)).expect("written");
+    let fly = |vehicle| {
+        let short = ["--reference", "hover", "--duration", "0.3", "--no-plots"];
+        [&["fly", vehicle, "--policy", "runs/Hover-apg-s0"][..], &short].concat()
+    };
+    for (vehicle, words) in [
+        ("hummingbird", None),
+        ("own.toml", None),
+        ("crazyflie", Some("trained on 'hummingbird' of 0.716 kg; it flies 'crazyflie' of ")),
+        ("heavy.toml", Some("trained on 'hummingbird' of 0.716 kg; it flies 'hummingbird' of ")),
+    ] {
+        let warnings = json(folder, &fly(vehicle))["warnings"].as_array().expect("a list").clone();
+        assert_eq!(warnings.len(), words.iter().len(), "{vehicle}: {warnings:?}");
+        let Some(words) = words else { continue };
+        assert!(warnings[0].as_str().is_some_and(|told| told.contains(words)), "{vehicle}: {warnings:?}");
+        let (page, _) = exits(0, folder, &fly(vehicle));
+        assert!(page.contains("warning: the policy was trained on"), "{page}");
+    }
+}
+
+#[test]
 fn settings_that_nothing_reads_are_refused_as_options_and_warned_of_in_files() {
     let folder = temporary();
     let folder = folder.path();

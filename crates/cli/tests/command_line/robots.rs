@@ -124,6 +124,113 @@ fn mistakes_are_answered_with_value_limit_and_remedy() {
     assert!(!folder.path().join("out").exists(), "a mistake leaves no folder");
 }
 
+/// Flies what must fail: why it did, of its JSON and of its page.
+fn fails(folder: &std::path::Path, arguments: &[&str]) -> (Value, String) {
+    let quick = [&["fly"][..], arguments, &["--no-plots"]].concat();
+    let (out, _) = exits(1, folder, &[&quick[..], &["--json"]].concat());
+    let told: Value = serde_json::from_str(&out).expect("JSON");
+    assert_eq!(told["success"], false, "{arguments:?}");
+    let (page, _) = exits(1, folder, &quick);
+    let reason = page.lines().find_map(|line| line.strip_prefix("FAILED: ")).unwrap_or_else(|| panic!("{page}"));
+    assert_eq!(told["failure"], reason, "{arguments:?}");
+    (told, page)
+}
+
+#[test]
+fn a_flight_into_the_ground_has_failed_unless_the_ground_is_left_out() {
+    let folder = temporary();
+    let falls = ["hummingbird", "--fail", "0"];
+    let (told, page) = fails(folder.path(), &falls);
+    // measured: 3.4 m under it
+    assert!(told["lowest"].as_f64().is_some_and(|lowest| lowest < -1.0), "{told:#}");
+    assert!(
+        page.contains("FAILED: it went below the ground at ") && page.contains("(rotor 'rotor_0' was lost at 3 s)"),
+        "{page}"
+    );
+    let (page, _) = exits(0, folder.path(), &[&["fly"][..], &falls, &["--no-ground", "--no-plots"]].concat());
+    assert!(page.contains("lowest point") && page.contains("the ground is left out"), "{page}");
+    // a configuration whose model has the ground taken out of it
+    let hung = ["payload", "--reference", "low.toml", "--duration", "1"];
+    std::fs::write(folder.path().join("low.toml"), "kind = \"hover\"\nposition = [0, 0, 0.5]").expect("written");
+    let (_, page) = fails(folder.path(), &hung);
+    assert!(page.contains("the reference leads it below the ground") && page.contains("--no-ground"), "{page}");
+    for more in [&[][..], &["--effects", "contact"]] {
+        json(folder.path(), &[&["fly"][..], &hung, &["--no-ground", "--no-plots"], more].concat());
+    }
+    let (_, err) = exits(2, folder.path(), &["fly", "iris", "--no-ground", "--scene", "forest"]);
+    assert!(err.contains("--no-ground") && err.contains("--scene"), "{err}");
+}
+
+#[test]
+fn a_reference_may_touch_the_ground_and_not_lead_below_it() {
+    let folder = temporary();
+    let hover = |name: &str, height: f64| {
+        let file = format!("{name}_{height}.toml");
+        std::fs::write(folder.path().join(&file), format!("kind = \"hover\"\nposition = [0, 0, {height}]"))
+            .expect("written");
+        file
+    };
+    for vehicle in ["crazyflie", "hummingbird", "omav"] {
+        for height in [0.0, 0.02, 1.0] {
+            let file = hover(vehicle, height);
+            json(folder.path(), &["fly", vehicle, "--reference", &file, "--duration", "1", "--no-plots"]);
+        }
+        for height in [-0.01, -5.0] {
+            let file = hover(vehicle, height);
+            let (told, page) = fails(folder.path(), &[vehicle, "--reference", &file, "--duration", "1"]);
+            assert_eq!(told["mishaps"][0]["kind"], "reference_below_ground");
+            assert!(page.contains("raise it, or leave the ground out by --no-ground"), "{page}");
+        }
+    }
+}
+
+#[test]
+fn a_flight_into_what_stands_around_has_failed_by_name_and_depth() {
+    let folder = temporary();
+    let (told, page) = fails(folder.path(), &["hummingbird", "--scene", "forest:3"]);
+    let nearest = &told["scene"]["nearest"];
+    assert!(nearest["distance"].as_f64().is_some_and(|d| d < 0.0), "{nearest}");
+    let part = nearest["part"].as_str().expect("a name");
+    assert!(page.contains(&format!("FAILED: it flew into '{part}', ")) && page.contains(" mm deep at "), "{page}");
+}
+
+#[test]
+fn a_load_that_turned_over_and_a_rotor_that_failed_are_told() {
+    let folder = temporary();
+    let (told, page) = fails(folder.path(), &["transport", "--fail", "0"]);
+    // measured: rolled by 108°
+    let kinds: Vec<&str> =
+        told["mishaps"].as_array().expect("a list").iter().filter_map(|m| m["kind"].as_str()).collect();
+    assert!(kinds.contains(&"turned_over") && page.contains("was lost at 3 s"), "{told:#}");
+    let (_, page) = fails(folder.path(), &["payload", "--fail", "0"]);
+    assert!(page.contains("was lost at 3 s") && page.contains("leave out --fail"), "{page}");
+    assert!(!page.contains("--roll") && !page.contains("--shape"), "{page}");
+}
+
+#[test]
+fn waypoints_turn_the_short_way_and_the_headings_error_is_told() {
+    let folder = temporary();
+    let path = |side: f64, turns: &str| {
+        let [a, b, c, d] = [3.0, 3.1, -3.1, -3.0].map(|yaw| side * yaw);
+        let text = format!(
+            "kind = \"waypoints\"\n{turns}\npoints = [{{ time = 1, position = [0, 0, 1], yaw = {a} }}, \
+             {{ time = 2.5, position = [1, 0, 1], yaw = {b} }}, {{ time = 4, position = [2, 0, 1], yaw = {c} }}, \
+             {{ time = 6.5, position = [3, 0, 1], yaw = {d} }}]"
+        );
+        std::fs::write(folder.path().join("path.toml"), text).expect("written");
+        let fly = ["fly", "firefly", "--reference", "path.toml", "--no-plots"];
+        json(folder.path(), &fly)["flight"]["max_heading_error"].as_f64().expect("a number").to_degrees()
+    };
+    for side in [1.0, -1.0] {
+        let [short, long] = ["", "turns = true"].map(|turns| path(side, turns));
+        println!("short way {short:.2}°, as given {long:.0}°");
+        // measured: 0.6° and 117°
+        assert!(short < 2.0 && long > 60.0, "{short} {long}");
+    }
+    let (page, _) = exits(0, folder.path(), &["fly", "firefly", "--reference", "path.toml", "--no-plots"]);
+    assert!(page.contains("heading error"), "{page}");
+}
+
 #[test]
 fn a_scene_stands_around_what_flies_and_what_begins_inside_of_it_is_refused() {
     let folder = temporary();
