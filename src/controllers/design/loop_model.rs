@@ -31,6 +31,9 @@ const STEADY: f64 = 1e-9;
 /// Directions of the lifted model weaker than this are left out: they are neither reached nor seen.
 const WEAK: f64 = 1e-9;
 
+/// What a controller makes of a metre, a radian or their rates: below this, in its own SI units or shares of thrust, it is nothing.
+const UNHEARD: f64 = 1e-12;
+
 /// Where a loop is opened.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Point {
@@ -173,6 +176,7 @@ impl LoopModel {
         let b = beside(&step.a.view((0, own), (own, n - own)).into_owned(), &step.by_command.rows(0, own).into_owned());
         let c =
             stacked(&step.a.view((own, 0), (n - own, own)).into_owned(), &step.commanded.columns(0, own).into_owned());
+        let c = c.map(|v| if v.abs() < UNHEARD { 0.0 } else { v });
         let d = DMatrix::zeros(c.nrows(), b.ncols());
         StateSpace::new(a, b, c, d, Some(self.dt))
     }
@@ -264,22 +268,25 @@ impl LoopModel {
         if !self.stability()?.is_stable() || excess(&open, Complex::ONE) >= 0.0 {
             return Ok(LoopMargins::NONE);
         }
+        // what the disk bears need not be searched
+        let disk = self.disk_margin(point, 0.0)?;
+        let [borne_up, borne_down] = [disk.gain.1.ln(), -disk.gain.0.ln()].map(|t| KNOWN * t);
         // factors from 1 up to 100 and down to 0, by their logarithms
         let real = |factor: f64| excess(&open, Complex::new(factor, 0.0));
-        let up = first_failure(&|t| real(t.exp()), 100.0_f64.ln(), 80).map_or(f64::INFINITY, f64::exp);
-        let down = first_failure(&|t| real((-t).exp()), 1000.0_f64.ln(), 80).map_or(0.0, |t| (-t).exp());
+        let up = first_failure(&|t| real(t.exp()), (borne_up, 100.0_f64.ln()), 80).map_or(f64::INFINITY, f64::exp);
+        let down = first_failure(&|t| real((-t).exp()), (borne_down, 1000.0_f64.ln()), 80).map_or(0.0, |t| (-t).exp());
         let turned = |angle: f64| excess(&open, Complex::from_polar(1.0, angle));
-        let lag = first_failure(&|t| turned(-t), PI, 80);
+        let lag = first_failure(&|t| turned(-t), (KNOWN * disk.phase, PI), 80);
         // what leads further than the lag that is found does not count
         let steps = lag.map_or(80, |t| (t / PI * 80.0).ceil() as u32);
-        let lead = first_failure(&|t| turned(t), PI / 80.0 * f64::from(steps), steps);
+        let lead = first_failure(&|t| turned(t), (KNOWN * disk.phase, PI / 80.0 * f64::from(steps)), steps);
         Ok(LoopMargins {
             stable: true,
             gain_up: up,
             gain_down: down,
             phase: lag.unwrap_or(f64::INFINITY).min(lead.unwrap_or(f64::INFINITY)),
             delay: self.delay(&open)?,
-            disk: self.disk_margin(point, 0.0)?,
+            disk,
         })
     }
 
@@ -447,12 +454,18 @@ fn closed_with<T: ComplexField<RealField = f64> + Copy>(open: &StateSpace, facto
     Some(of(open.a()) - of(open.b()) * factor * back * of(open.c()))
 }
 
-/// How far along a path, from 0, stability lasts: `excess` is below 0 there. Found in `n` equal steps and between two of them
-/// to a billionth of the path; none if it lasts up to the end.
-fn first_failure(excess: &dyn Fn(f64) -> f64, end: f64, n: u32) -> Option<f64> {
-    let mut low = (0.0, -1.0);
-    for k in 1..=n {
-        let t = end * f64::from(k) / f64::from(n);
+/// Share of what a disk bears that is taken as known.
+const KNOWN: f64 = 0.9;
+
+/// How far along a path, from 0, stability lasts: `excess` is below 0 there, as is known up to a first place. Found in `n` equal
+/// steps and between two of them to a billionth of the path; none if it lasts up to the end.
+fn first_failure(excess: &dyn Fn(f64) -> f64, (known, end): (f64, f64), n: u32) -> Option<f64> {
+    let place = |k: u32| end * f64::from(k) / f64::from(n);
+    // infinite where a disk bears every factor
+    let first = (0..n).rev().find(|k| place(*k) <= known).unwrap_or(0);
+    let mut low = (place(first), -1.0);
+    for k in first + 1..=n {
+        let t = place(k);
         let there = (t, excess(t));
         if there.1 < 0.0 {
             low = there;

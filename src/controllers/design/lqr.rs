@@ -153,7 +153,10 @@ pub fn lqi_of(
     state.view_mut((n, 0), (p, n)).copy_from(&(c * period));
     let mut input = DMatrix::zeros(n + p, b.ncols());
     input.rows_mut(0, n).copy_from(b);
-    let integrals = (0..p).map(|i| Signal::new(format!("integral {i}"), ""));
+    let integrals = (0..p).map(|i| match (0..n).filter(|j| c[(i, *j)] != 0.0).collect::<Vec<_>>()[..] {
+        [one] => Signal::new(format!("integral of {}", states[one].name), ""),
+        _ => Signal::new(format!("integral {i}"), ""),
+    });
     let states: Vec<Signal> = states.iter().cloned().chain(integrals).collect();
     lqr_of(&states, &state, &input, q, r)
 }

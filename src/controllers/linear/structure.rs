@@ -127,9 +127,9 @@ impl Staircase {
     }
 
     /// Its poles and a basis of its combinations of states.
-    fn lasting_basis(&self) -> Result<Option<(Vec<Complex<f64>>, DMatrix<f64>)>> {
+    fn lasting_basis(&self) -> Result<Option<(Poles, DMatrix<f64>)>> {
         let own = self.own();
-        let poles: Vec<Complex<f64>> = eigenvalues(&own)?;
+        let poles: Poles = eigenvalues(&own)?;
         if poles.first().is_none_or(|p| p.norm() < 1.0 - ON_CIRCLE) {
             return Ok(None);
         }
@@ -145,6 +145,8 @@ impl Staircase {
         Ok(Some((poles.into_iter().take(left).collect(), lasts)))
     }
 }
+
+type Poles = Vec<Complex<f64>>;
 
 /// Combinations of few states each that span the same as the columns of `basis`: each has one state that no other has. States
 /// count by their factors times `weight`.

@@ -89,12 +89,15 @@ fn stacked(seen: &[Vector3<f64>]) -> impl Fn(&Vector3<f64>, &Vector3<f64>) -> bo
     move |a, b| (a - b).xy().norm() <= near
 }
 
+/// The angle of hubs above one another, and which they are.
+type Tower<'a> = (f64, Vec<(usize, &'a Vector3<f64>)>);
+
 /// Spins of the hubs of [`seen_along`] that alternate with the angle around their middle, so that equal thrusts give no yaw
 /// torque: the first rotor from +x on turns clockwise (a front-right rotor then counter-clockwise, as on the Crazyflie). Rotors
 /// above one another turn against each other.
 pub(super) fn alternating_spins(seen: &[Vector3<f64>]) -> Vec<f64> {
     let stacked = stacked(seen);
-    let mut towers: Vec<(f64, Vec<(usize, &Vector3<f64>)>)> = Vec::new();
+    let mut towers: Vec<Tower<'_>> = Vec::new();
     for (i, hub) in seen.iter().enumerate() {
         match towers.iter_mut().find(|(_, tower)| tower.iter().any(|(_, other)| stacked(other, hub))) {
             Some((_, tower)) => tower.push((i, hub)),
@@ -104,7 +107,7 @@ pub(super) fn alternating_spins(seen: &[Vector3<f64>]) -> Vec<f64> {
         }
     }
     towers.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let far = |tower: &(f64, Vec<(usize, &Vector3<f64>)>)| tower.1.iter().map(|(_, p)| p.xy().norm()).sum::<f64>();
+    let far = |tower: &Tower<'_>| tower.1.iter().map(|(_, p)| p.xy().norm()).sum::<f64>();
     for same in towers.chunk_by_mut(|a, b| b.0 - a.0 < ALIKE) {
         same.sort_by(|a, b| far(b).total_cmp(&far(a)));
     }
