@@ -41,8 +41,8 @@ fn drawn(episode: u64) -> (Vehicle, Gains, usize) {
         rate: each(gains.rate, &mut factor),
         ..gains
     };
-    let latency =
-        stream.below(if episode % 10 == 0 { 30 } else { 11 }) as usize + if episode % 10 == 0 { 11 } else { 0 };
+    let latency = stream.below(if episode.is_multiple_of(10) { 30 } else { 11 }) as usize
+        + if episode.is_multiple_of(10) { 11 } else { 0 };
     (vehicle, gains, latency)
 }
 
@@ -52,7 +52,8 @@ fn judged((vehicle, gains, latency): (Vehicle, Gains, usize), everywhere: bool) 
     let plant = Plant::of_vehicle(&vehicle, physics)?;
     let hover = trim(&plant, &TrimTarget::hover())?;
     let linear = ErrorState::of_plant(&plant)?.state_space(&plant, &hover.state, &hover.input, hover.yaw_rate)?;
-    (modes(&linear)?, unreachable(&linear)?);
+    modes(&linear)?;
+    unreachable(&linear)?;
     let closed = ClosedLoop::of_vehicle(&vehicle, physics, &gains, &Rates::default())?.with_latency(latency)?;
     let there = Reference::Hover(Hover { position: [0.0; 3], yaw: 0.0 });
     let model = LoopModel::new(closed, Target::level(&there), &Disturbance::none(), &hover.state)?;

@@ -13,6 +13,10 @@ use omnidrones::controllers::{Assessment, FlightPlan, Rates, Reference, Setup, f
 use omnidrones::dynamics::aero::wind::Wind;
 use omnidrones::dynamics::{GRAVITY, Physics, Plant, Vehicle, vehicles};
 
+/// A right angle as files write it, rad.
+#[allow(clippy::approx_constant)]
+const ROUNDED: f64 = 1.5708;
+
 /// Controllers of one rigid vehicle.
 const CONTROLLERS: [&str; 5] = ["cascade", "fault_tolerant", "indi", "lqr", "lqi"];
 
@@ -180,7 +184,7 @@ fn every_controller_holds_a_vehicle_that_leans_or_is_loaded_off_the_centre() {
         vehicle.rotors.iter_mut().for_each(|rotor| rotor.axis = [s, 0.0, c]);
         vehicle
     };
-    let on_its_side = quadrotor().turned(omnidrones::dynamics::spatial::from_euler(1.5708, 0.0, 0.0));
+    let on_its_side = quadrotor().turned(omnidrones::dynamics::spatial::from_euler(ROUNDED, 0.0, 0.0));
     let all = [crooked(0.0573), crooked(10.0), pitched(20.0), on_its_side, loaded_hexarotor(0.07, 0.0)];
     for (i, vehicle) in all.iter().enumerate() {
         for name in CONTROLLERS {

@@ -34,10 +34,10 @@ impl File {
         for (k, (x, side)) in [(0.16, -0.16), (0.16, 0.16), (-0.16, 0.16), (-0.16, -0.16)].into_iter().enumerate() {
             let turn = nalgebra::Rotation3::from_euler_angles(*r, *p, *y);
             let at = turn * nalgebra::Vector3::new(x, side, 0.02) / *length;
-            let _ = write!(
+            let _ = writeln!(
                 text,
                 "<link name='rotor_{k}'/><joint name='j{k}' type='fixed'><origin xyz='{} {} {}' rpy='{r} {p} {y}'/>\
-                 <parent link='body'/><child link='rotor_{k}'/></joint>\n",
+                 <parent link='body'/><child link='rotor_{k}'/></joint>",
                 at.x, at.y, at.z
             );
         }
