@@ -3,7 +3,7 @@
 use crate::page::{Page, duration, short};
 use crate::table::{Align, Table, number};
 use omnidrones::autodiff::{Bounds, Certificate, JacobianScratch, System, certify, jacobian};
-use omnidrones::controllers::design::{GainSensitivity, LoopModel, TrimTarget, sensitivity, trim};
+use omnidrones::controllers::design::{GainSensitivity, LoopModel, Stability, TrimTarget, sensitivity, trim};
 use omnidrones::controllers::reference::Hover;
 use omnidrones::controllers::{ClosedLoop, Flight, FlightPlan, Reference, SmoothPoint, Target};
 use omnidrones::dynamics::{Disturbance, Gains, Plant, Vehicle};
@@ -217,9 +217,10 @@ fn unstable(vehicle: &Vehicle, gains: &Gains, plan: &FlightPlan) -> Result<Optio
         Err(Error::Value { value, .. }) => return Ok(Some(value)),
         Err(e) => return Err(e),
     };
-    let largest = model.poles()?.first().map_or(0.0, |pole| pole.norm());
-    let period = model.dt * model.period() as f64;
-    Ok((largest > 1.0 + 1e-6).then(|| format!("it grows by e in {} s", short(period / largest.ln(), 3))))
+    Ok(match model.stability()? {
+        Stability::Unstable { growth, .. } => Some(format!("it grows by e in {} s", short(growth.recip(), 3))),
+        Stability::Stable | Stability::Marginal(_) => None,
+    })
 }
 
 fn certified<F: System>(what: &'static str, system: &F, x: &[f64], u: &[f64], theta: &[f64]) -> Result<Row> {
