@@ -9,7 +9,7 @@ use super::loop_model::LoopModel;
 use crate::controllers::linear::dense::eigenvectors;
 use crate::controllers::linear::eigenvalues;
 use crate::controllers::linear::state_space::blocks;
-use crate::controllers::linear::structure::{ON_CIRCLE, Parts};
+use crate::controllers::linear::structure::{ON_CIRCLE, Parts, rounding};
 use crate::error::Result;
 use nalgebra::{Complex, DMatrix};
 use serde::Serialize;
@@ -53,11 +53,6 @@ impl std::fmt::Display for Stability {
             }
         }
     }
-}
-
-/// How far rounding moves a pole off the circle that comes from `n` integrators in a row.
-fn rounding(n: usize) -> f64 {
-    1e-12_f64.powf(1.0 / n.max(1) as f64).max(ON_CIRCLE)
 }
 
 impl LoopModel {

@@ -20,6 +20,11 @@ pub const NO_COUPLING: f64 = 1e-9;
 /// billion samples.
 pub const ON_CIRCLE: f64 = 1e-9;
 
+/// How far rounding moves poles off the unit circle that come from `n` integrators in a row: rate, angle, velocity, place are four.
+pub(crate) fn rounding(n: usize) -> f64 {
+    1e-12_f64.powf(1.0 / n.clamp(1, 4) as f64).max(ON_CIRCLE)
+}
+
 /// What inputs do not move, or outputs do not show.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Hidden {
@@ -140,7 +145,8 @@ impl Staircase {
             power /= power.norm().max(f64::MIN_POSITIVE);
         }
         let (_, sizes, right) = svd(&power)?;
-        let left = sizes.iter().filter(|s| **s > 1e-12 * sizes[0]).count();
+        let near = 1.0 - rounding(poles.len());
+        let left = poles.iter().filter(|p| p.norm() >= near).count().min(sizes.len());
         let lasts = self.in_own_units(&(&self.rest * right.columns(0, left)));
         Ok(Some((poles.into_iter().take(left).collect(), lasts)))
     }
