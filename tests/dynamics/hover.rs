@@ -54,7 +54,7 @@ fn a_rotor_that_leans_by_any_angle_is_held_by_a_vehicle_that_leans() {
                 let hover = match vehicle.hover() {
                     Ok(hover) => hover,
                     Err(error) => {
-                        // across its arm a rotor turns the vehicle by more than four hold
+                        // across its arm a rotor turns the vehicle by more than the others hold
                         assert!(
                             degrees > 9.0 && !six && error.to_string().contains("yaw moment"),
                             "{degrees}°: {error}"
