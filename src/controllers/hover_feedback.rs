@@ -91,7 +91,7 @@ impl HoverFeedback {
     ///
     /// # Errors
     /// [`Error::Value`] for an articulated plant, one that cannot hover, rates that do not divide 1/dt, or weights that are not
-    /// positive; as [`lqr()`].
+    /// positive; as [`lqr`](fn@super::design::lqr).
     pub fn lqr(plant: &Plant, rates: &Rates, weights: &HoverWeights) -> Result<Self> {
         Self::new(plant, rates, weights, false)
     }

@@ -318,7 +318,7 @@ impl StateSpace {
     }
 
     /// Whether all poles lie within the left half plane, or the unit circle, by more than rounding and
-    /// [`ON_CIRCLE`](super::structure::ON_CIRCLE) of it.
+    /// [`ON_CIRCLE`] of it.
     ///
     /// # Errors
     /// Where eigenvalues are not found.

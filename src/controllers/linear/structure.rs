@@ -90,9 +90,26 @@ pub(crate) struct Staircase {
 }
 
 impl Staircase {
+    /// Of several ways to find comparable sizes that with which most is reached: a weak link, as a lean of 1e-10 rad makes it, can spoil
+    /// the sizes of all, and so can a strong one that odd units hide. Bad sizes hide directions and invent none.
     pub fn of(a: &DMatrix<f64>, b: &DMatrix<f64>) -> Result<Self> {
+        let mut best = Self::with_links(a, b, LINKS[0])?;
+        for least in &LINKS[1..] {
+            if best.reached.ncols() == a.nrows() {
+                break;
+            }
+            let other = Self::with_links(a, b, *least)?;
+            if other.reached.ncols() > best.reached.ncols() {
+                best = other;
+            }
+        }
+        Ok(best)
+    }
+
+    /// With sizes from links down to a share `least` of the others.
+    fn with_links(a: &DMatrix<f64>, b: &DMatrix<f64>, least: f64) -> Result<Self> {
         let n = a.nrows();
-        let (states, inputs) = comparable(a, b);
+        let (states, inputs) = comparable(a, b, least);
         let a = DMatrix::from_fn(n, n, |i, j| scaled(a[(i, j)], states[j] - states[i]));
         let b = DMatrix::from_fn(n, b.ncols(), |i, j| scaled(b[(i, j)], inputs[j] - states[i]));
         // A − μ I reaches the same; of a sampled system it is what happens within a sample
@@ -219,10 +236,12 @@ fn scaled(value: f64, power: f64) -> f64 {
 
 /// Numbers below this share of their row or their column are what rounding left of none.
 pub(super) const ROUNDED: f64 = 1e-13;
+/// Weakest links that sizes are found from, as shares of the strongest of their row and column.
+const LINKS: [f64; 3] = [ROUNDED, NO_COUPLING, 1e-6];
 
 /// Logarithms of sizes for states and inputs with which the largest number of each state's row equals that of its column, and
-/// that of each input's column is as usual (Osborne 1960).
-fn comparable(a: &DMatrix<f64>, b: &DMatrix<f64>) -> (Vec<f64>, Vec<f64>) {
+/// that of each input's column is as usual (Osborne 1960). Numbers below the share `least` of their row or their column are left out.
+fn comparable(a: &DMatrix<f64>, b: &DMatrix<f64>, least: f64) -> (Vec<f64>, Vec<f64>) {
     let (n, m) = (a.nrows(), a.nrows() + b.ncols());
     let size = |i: usize, j: usize| if j < n { a[(i, j)] } else { b[(i, j - n)] };
     // logarithms: none overflows; what a state does to itself has no unit
@@ -233,7 +252,7 @@ fn comparable(a: &DMatrix<f64>, b: &DMatrix<f64>) -> (Vec<f64>, Vec<f64>) {
         let most = |values: &mut dyn Iterator<Item = f64>| values.fold(f64::NEG_INFINITY, f64::max);
         let rows: Vec<f64> = (0..n).map(|i| most(&mut (0..m).map(|j| at(i, j)))).collect();
         let columns: Vec<f64> = (0..m).map(|j| most(&mut (0..n).map(|i| at(i, j)))).collect();
-        let counts = |i: usize, j: usize| at(i, j) >= ROUNDED.ln() + rows[i].max(columns[j]);
+        let counts = |i: usize, j: usize| at(i, j) >= least.ln() + rows[i].max(columns[j]);
         let row: Vec<f64> = (0..n).map(|i| most(&mut (0..m).filter(|j| counts(i, *j)).map(|j| at(i, j)))).collect();
         let column: Vec<f64> = (0..m).map(|j| most(&mut (0..n).filter(|i| counts(*i, j)).map(|i| at(i, j)))).collect();
         let both: Vec<f64> = (0..n).map(|i| 0.5 * (row[i] + column[i])).filter(|v| v.is_finite()).collect();
