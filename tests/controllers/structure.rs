@@ -289,6 +289,6 @@ fn what_q_does_not_see_is_named_too() {
 fn no_loop_is_built_of_axes_that_commands_do_not_turn_apart() {
     let vehicle = quadrotor([1.0, -1.0, -1.0, 1.0], 1.0, [0.008, 0.008, 0.014]);
     let refused = ClosedLoop::of_vehicle(&vehicle, Physics::default(), &vehicle.gains(), &Rates::default());
-    let text = refused.err().expect("cannot be steered").to_string();
-    assert!(text.contains("roll and yaw only together"), "{text}");
+    let Err(error) = refused else { panic!("it cannot be steered") };
+    assert!(error.to_string().contains("roll and yaw only together"), "{error}");
 }
