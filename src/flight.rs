@@ -4,7 +4,7 @@ mod read;
 
 use crate::autodiff::System;
 use crate::dynamics::rotor::LEAST_THRUST;
-use crate::dynamics::spatial::{Quat, Vec3, cross, dot, rotate, to_euler, up_axis};
+use crate::dynamics::spatial::{Quat, Vec3, conjugate, cross, dot, from_euler, multiply, rotate, to_euler, up_axis};
 use crate::dynamics::vehicle::GRAVITY;
 use crate::dynamics::{Plant, Quantity};
 use crate::error::{Error, Result};
@@ -90,6 +90,9 @@ pub struct FlightLog {
     pub wind: Vec<[f64; 3]>,
     /// (roll, pitch, yaw) that were asked apart from the force, rad; empty where the force chose the attitude.
     pub asked_angles: Vec<[f64; 3]>,
+    /// Body → world at yaw 0, `[w, x, y, z]`, of a [hover](crate::dynamics::Hover) that leans: tilt, heading and what the reference
+    /// asks are told from there. `None` of one that is level, and where nobody knows it.
+    pub hover_attitude: Option<[f64; 4]>,
     /// Of a cascade; empty where what flew has no such levels.
     pub commanded: Vec<Commanded>,
     /// What sensors read, by name and unit; empty without any.
@@ -122,7 +125,7 @@ pub struct FlightSummary {
     pub lost_at: Option<f64>,
     /// Largest ‖v‖, m/s.
     pub max_speed: Option<f64>,
-    /// Largest angle between body z and world z, rad.
+    /// Largest angle between world z and what points up in hover, rad: [`FlightLog::tilt`].
     pub max_tilt: Option<f64>,
     /// Root of the mean square of the heading's error for t ≥ `rmse_after`, rad: [`FlightLog::heading_error`].
     pub heading_rmse: Option<f64>,
@@ -231,13 +234,19 @@ impl FlightLog {
         largest(self.speed().into_iter())
     }
 
-    /// Angle between body z and world z per sample, rad.
+    /// The attitude per sample of the axes that are level in hover: the body's, but of a vehicle that leans.
+    fn attitude_from_hover(&self) -> impl Iterator<Item = Quat<f64>> {
+        let back = self.hover_attitude.map(conjugate);
+        self.attitude.iter().map(move |q| back.map_or(*q, |back| multiply(*q, back)))
+    }
+
+    /// Angle between world z and what points up in hover per sample, rad: body z, but of a vehicle that leans.
     pub fn tilt(&self) -> Vec<f64> {
-        let angle = |q: &Quat<f64>| {
-            let z = up_axis(*q);
+        let angle = |q: Quat<f64>| {
+            let z = up_axis(q);
             z[0].hypot(z[1]).atan2(z[2])
         };
-        self.attitude.iter().map(angle).collect()
+        self.attitude_from_hover().map(angle).collect()
     }
 
     /// Largest finite tilt, rad.
@@ -248,16 +257,17 @@ impl FlightLog {
     /// Angle about body z per sample, within ±π, rad, from the attitude that has the same body z and the reference's yaw:
     /// b₂ along b₃ × (cos ψ, sin ψ, 0), as in [`desired_attitude`](crate::controllers::velocity::desired_attitude). Upright it
     /// is heading less yaw; where roll and pitch were asked apart from the force, that at any tilt. 0 where there is no heading.
+    /// Of a vehicle that leans in hover, in the axes that are level there.
     pub fn heading_error(&self) -> Vec<f64> {
         let apart = !self.asked_angles.is_empty();
-        let pairs = self.attitude.iter().zip(&self.reference_yaw);
-        let error = |(q, yaw): (&Quat<f64>, &f64)| {
+        let pairs = self.attitude_from_hover().zip(&self.attitude).zip(&self.reference_yaw);
+        let error = |((q, body), yaw): ((Quat<f64>, &Quat<f64>), &f64)| {
             let (s, c) = yaw.sin_cos();
             if apart {
-                let [x, y, _] = rotate(*q, [1.0, 0.0, 0.0]);
+                let [x, y, _] = rotate(*body, [1.0, 0.0, 0.0]);
                 return angle(c * y - s * x, c * x + s * y);
             }
-            let (up, left) = (up_axis(*q), rotate(*q, [0.0, 1.0, 0.0]));
+            let (up, left) = (up_axis(q), rotate(q, [0.0, 1.0, 0.0]));
             let wanted = cross(up, [c, s, 0.0]);
             angle(dot(up, cross(wanted, left)), dot(wanted, left))
         };
@@ -293,7 +303,7 @@ impl FlightLog {
 
     /// (roll, pitch, yaw) per sample that the reference asks of a vehicle without drag, rad: body z along a_ref + g e_z,
     /// heading from the reference yaw (Mellinger and Kumar 2011, section III); NaN in free fall. Where angles were asked apart
-    /// from the force, those.
+    /// from the force, those. Of a vehicle that leans in hover, what points up there takes the place of body z.
     pub fn reference_euler_angles(&self) -> Vec<[f64; 3]> {
         if !self.asked_angles.is_empty() {
             return self.asked_angles.clone();
@@ -307,7 +317,9 @@ impl FlightLog {
                 if x.hypot(y).hypot(z) < 1e-9 {
                     return [f64::NAN; 3];
                 }
-                [(-y).atan2(x.hypot(z)), x.atan2(z), yaw.sin().atan2(yaw.cos())]
+                let [roll, pitch, yaw] = [(-y).atan2(x.hypot(z)), x.atan2(z), yaw.sin().atan2(yaw.cos())];
+                let leaning = |hover| to_euler(multiply(from_euler(roll, pitch, yaw), hover));
+                self.hover_attitude.map_or([roll, pitch, yaw], leaning)
             })
             .collect()
     }

@@ -15,8 +15,10 @@ use omnidrones::dynamics::{self, Disturbance, Gains, Physics, Plant, configurati
 use omnidrones::error::Error;
 use omnidrones::layers::{self, Layer};
 use omnidrones_plot::flight::FlightFigures;
+use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyMapping};
+use std::ffi::CString;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
@@ -26,14 +28,34 @@ use toml::{Table, Value};
 #[derive(PartialEq)]
 pub struct Vehicle(pub dynamics::Vehicle);
 
-/// The vehicle of a name or a file.
+/// The vehicle of a name or a file. What an import found, and what is odd about a vehicle of a file, are warnings of Python.
 pub fn load(named: &str) -> PyResult<dynamics::Vehicle> {
+    let (vehicle, odd) = read(named)?;
+    Python::attach(|py| odd.iter().try_for_each(|text| warn(py, text)))?;
+    Ok(vehicle)
+}
+
+/// A `UserWarning` at the line that called.
+fn warn(py: Python<'_>, text: &str) -> PyResult<()> {
+    let text = CString::new(text.replace('\0', " "))?;
+    PyErr::warn(py, &py.get_type::<PyUserWarning>(), &text, 1)
+}
+
+/// The vehicle, and what is to be told of it.
+fn read(named: &str) -> PyResult<(dynamics::Vehicle, Vec<String>)> {
     let path = Path::new(named);
     let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
     match extension.as_deref() {
-        Some("toml") => dynamics::Vehicle::from_toml_file(path).or_raise(),
-        Some("urdf" | "xml") => Ok(import_file(path, &ImportOptions::default()).or_raise()?.vehicle),
-        _ => vehicles::by_name(named).or_raise(),
+        Some("toml") => {
+            let vehicle = dynamics::Vehicle::from_toml_file(path).or_raise()?;
+            let odd = vehicle.oddities().iter().map(ToString::to_string).collect();
+            Ok((vehicle, odd))
+        }
+        Some("urdf" | "xml") => {
+            let import = import_file(path, &ImportOptions::default()).or_raise()?;
+            Ok((import.vehicle, import.warnings.iter().map(ToString::to_string).collect()))
+        }
+        _ => Ok((vehicles::by_name(named).or_raise()?, Vec::new())),
     }
 }
 

@@ -1,6 +1,7 @@
 """Vehicles, flights, linear models, allocation, tuning."""
 
 import pickle
+import warnings
 
 import numpy as np
 import pytest
@@ -17,6 +18,19 @@ def test_vehicles_come_back_from_dicts_files_and_pickles(tmp_path):
     assert omnidrones.Vehicle(tmp_path / "v.toml") == vehicle
     with pytest.raises(ValueError, match="mass"):
         omnidrones.Vehicle.from_dict(vehicle.to_dict() | {"parts": [vehicle.to_dict()["parts"][0] | {"mass": -1.0}]})
+
+
+def test_what_is_odd_about_a_vehicle_of_a_file_is_a_warning(tmp_path):
+    vehicle = omnidrones.Vehicle("hummingbird")
+    for factor, told in [(1.0, False), (1e3, True), (1e-3, True)]:
+        fields = vehicle.to_dict()
+        fields["parts"] = [part | {"mass": factor * part["mass"]} for part in fields["parts"]]
+        path = tmp_path / f"of_{factor:g}.toml"
+        path.write_text(omnidrones.Vehicle.from_dict(fields).to_toml())
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            omnidrones.Vehicle(path)
+        assert any("mass" in str(warning.message) for warning in caught) == told, (factor, caught)
 
 
 def test_a_flight_is_columns_with_units_and_key_figures(tmp_path):

@@ -4,6 +4,7 @@ use super::allocation::failure::RotorFailure;
 use super::cascade::{Rates, Schedule};
 use super::closed_loop::{ClosedLoop, Outside, check_delay, check_latency};
 use super::controller::{Controller, Target};
+use super::hover_axes::HoverAxes;
 use super::reference::{Reference, Setpoint, Tilt};
 use super::registry::{Setup, controller};
 use super::start::start_on;
@@ -262,6 +263,7 @@ pub fn fly_from(
     let holds_tilt = controller.holds_tilt();
     let speeds: Vec<f64> = plant.rotors().iter().map(|r| r.max_speed).collect();
     let mut log = FlightLog::new(plant.name(), &speeds);
+    log.hover_attitude = HoverAxes::of_plant(plant).attitude_in_hover();
     let mut system = ClosedLoop::new(plant.clone(), controller)?
         .with_failures(&plan.failures, plan.detection_delay)?
         .with_latency(plan.latency)?

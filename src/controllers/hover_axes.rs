@@ -43,6 +43,11 @@ impl HoverAxes<f64> {
         self.leans
     }
 
+    /// Body → world in hover at yaw 0, where it leans.
+    pub fn attitude_in_hover(&self) -> Option<Quat<f64>> {
+        self.leans.then_some(self.turn)
+    }
+
     /// Refuses a vehicle that leans, for controllers that hold their drone level.
     pub(super) fn refuse(&self, vehicle: &Vehicle) -> Result<()> {
         if !self.leans {

@@ -9,12 +9,13 @@ use super::closed_loop::ClosedLoop;
 use super::confidence::{Quantile, Share};
 use super::controller::Target;
 use super::flight::LOST;
+use super::hover_axes::HoverAxes;
 use super::law::{ControlLaw, Running};
 use super::reference::{Hover, Reference};
 use crate::autodiff::System;
 use crate::autodiff::program::BLOCK;
 use crate::dynamics::Disturbance;
-use crate::dynamics::spatial::up_axis;
+use crate::dynamics::spatial::{Quat, conjugate, multiply, up_axis};
 use crate::error::{Error, Result};
 use crate::parallel::Threads;
 use crate::rng::{Purpose, Stream};
@@ -48,7 +49,7 @@ pub struct MonteCarloResult {
     pub rmse: f64,
     /// Largest distance after the transient, m.
     pub worst: f64,
-    /// Largest angle between the root's z and the vertical, rad.
+    /// Largest angle between the vertical and what points up in hover, rad: the root's z, but of a vehicle that leans.
     pub tilt: f64,
     /// When it was first more than `LOST` away or not finite, s.
     pub lost_at: Option<f64>,
@@ -172,6 +173,8 @@ struct Block {
     worst: Row,
     /// Least cosine of the tilt.
     upright: Row,
+    /// World → body in a hover that leans.
+    back: Option<Quat<f32>>,
     lost_at: [Option<f64>; BLOCK],
     counted: [u64; BLOCK],
 }
@@ -196,6 +199,7 @@ impl Block {
             squares: [0.0; BLOCK],
             worst: [0.0; BLOCK],
             upright: [1.0; BLOCK],
+            back: HoverAxes::of_plant(of.system.plant()).attitude_in_hover().map(|q| conjugate(q).map(|x| x as f32)),
             lost_at: [None; BLOCK],
             counted: [0; BLOCK],
         })
@@ -232,7 +236,8 @@ impl Block {
                 self.lost_at[lane] = Some(time);
                 continue;
             }
-            let up = up_axis([x(6), x(7), x(8), x(9)])[2];
+            let body = [x(6), x(7), x(8), x(9)];
+            let up = up_axis(self.back.map_or(body, |back| multiply(body, back)))[2];
             self.upright[lane] = self.upright[lane].min(up);
             if counts {
                 self.squares[lane] += squared;

@@ -7,7 +7,8 @@ use omnidrones::controllers::{
     MonteCarloDraw, Outside, Rates, Reference, RotorFailure, Running, Setup, Target, Vectored, default_controller, fly,
     start_on,
 };
-use omnidrones::dynamics::{Disturbance, Effects, Physics, Plant, configurations, vehicles};
+use omnidrones::dynamics::spatial::{conjugate, from_euler};
+use omnidrones::dynamics::{Disturbance, Effects, Physics, Plant, Vehicle, configurations, vehicles};
 use omnidrones::parallel::Threads;
 
 fn model(name: &str) -> Plant {
@@ -294,4 +295,26 @@ fn flights_in_lanes_are_those_in_f64_for_any_number_of_them_and_of_threads() {
     println!("RMSE in f32 lanes off by {worst:.1e} m of {:.3} m", all[0].rmse);
     // measured: 8.8e-7 m
     assert!(worst < 2e-5 && all.iter().all(|o| o.lost_at.is_none()), "{worst:e}");
+}
+
+#[test]
+fn tilt_is_told_from_hover_also_of_a_vehicle_that_leans() {
+    let reference = Reference::by_name("circle").unwrap();
+    let level = crate::geometry::quadrotor();
+    let tilt = |vehicle: &Vehicle| {
+        let system = ClosedLoop::of_vehicle(vehicle, Physics::default(), &vehicle.gains(), &Rates::default())
+            .unwrap()
+            .with_physics();
+        let start = start_on(system.plant(), system.controller(), &reference).unwrap();
+        let many = MonteCarlo::new(&system).unwrap();
+        let all = many.fly(Target::level(&reference), &start, (1, 500), &|_, _| {}, &Threads::new(1).unwrap()).unwrap();
+        all[0].tilt
+    };
+    let own = tilt(&level);
+    for (roll, pitch) in [(0.3, 0.0), (-0.4, 1.0)] {
+        let askew = tilt(&level.turned(conjugate(from_euler(roll, pitch, 0.0))));
+        println!("{roll} {pitch}: {:.1e} rad of {own:.3}", askew - own);
+        // in f32; measured: 1e-6
+        assert!((askew - own).abs() < 1e-4, "{roll} {pitch}: {askew}, level {own}");
+    }
 }

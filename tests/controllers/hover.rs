@@ -1,10 +1,6 @@
 //! Vehicles that nobody drew: one answer from all, and flights that hold.
 
-#[path = "../common/geometry.rs"]
-#[allow(dead_code)]
-mod geometry;
-
-use geometry::{loaded_hexarotor, quadrotor};
+use crate::geometry::{self, loaded_hexarotor, quadrotor};
 use omnidrones::controllers::allocation::{AttainableWrenches, Axis, Capability, Problem};
 use omnidrones::controllers::design::{TrimTarget, trim};
 use omnidrones::controllers::reference::Hover;
@@ -192,6 +188,35 @@ fn every_controller_holds_a_vehicle_that_leans_or_is_loaded_off_the_centre() {
             println!("{i} {name}: {:.2} mm", 1e3 * off);
             assert!(off < 0.01, "{i} by {name}: {off} m");
         }
+    }
+}
+
+/// Flights of a vehicle that is mounted askew tell tilt, heading and what was asked from its own hover.
+#[test]
+fn a_vehicle_mounted_askew_flies_and_is_judged_as_the_level_one() {
+    let level = quadrotor();
+    let plan = FlightPlan { reference: Reference::by_name("lemniscate").unwrap(), ..FlightPlan::default() };
+    let fly = |vehicle: &Vehicle| {
+        omnidrones::controllers::fly_vehicle(vehicle, &vehicle.gains(), &plan, &mut |_| {}).unwrap().log
+    };
+    let own = fly(&level);
+    for (roll, pitch) in [(0.2, 0.0), (0.0, -0.9), (std::f64::consts::FRAC_PI_2, 0.0)] {
+        let mount = omnidrones::dynamics::spatial::from_euler(roll, pitch, 0.0);
+        let log = fly(&level.turned(mount));
+        let pairs = [
+            (own.tilt(), log.tilt()),
+            (own.heading_error(), log.heading_error()),
+            (own.error_norm(), log.error_norm()),
+        ];
+        for (i, (a, b)) in pairs.into_iter().enumerate() {
+            let off = a.iter().zip(&b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            println!("{roll} {pitch}: {off:.1e}");
+            // measured: 1e-9
+            assert!(off < 1e-6, "{roll} {pitch}: {off:e} of number {i}");
+        }
+        // the reference of a hover is the attitude that hover has
+        let (asked, flown) = (log.reference_euler_angles()[0], log.euler_angles()[0]);
+        assert!((0..3).all(|k| (asked[k] - flown[k]).abs() < 0.3), "{asked:?} {flown:?}");
     }
 }
 

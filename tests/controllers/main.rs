@@ -6,6 +6,9 @@ mod endless;
 mod failure;
 mod flight;
 mod flight_log;
+#[path = "../common/geometry.rs"]
+#[allow(dead_code)]
+mod geometry;
 mod hover;
 mod integral;
 mod linear;

@@ -1,12 +1,14 @@
 //! Steady flights: closed forms, and flights that stay as they are.
 
+use crate::geometry::quadrotor;
 use nalgebra::DVector;
-use omnidrones::autodiff::System;
-use omnidrones::controllers::Assessment;
+use omnidrones::autodiff::{System, linearise};
 use omnidrones::controllers::allocation::failure::hover;
-use omnidrones::controllers::design::{ErrorState, TrimTarget, trim, trim_spin};
-use omnidrones::dynamics::spatial::{from_euler, multiply, rotate, to_euler};
-use omnidrones::dynamics::{Disturbance, Effects, Physics, Plant, configurations, vehicles};
+use omnidrones::controllers::design::{ErrorState, TrimTarget, trim, trim_damaged, trim_spin};
+use omnidrones::controllers::{Assessment, HoverAxes};
+use omnidrones::dynamics::spatial::{Quat, conjugate, from_euler, multiply, rotate, to_euler};
+use omnidrones::dynamics::{Disturbance, Effects, Physics, Plant, Vehicle, configurations, vehicles};
+use std::f64::consts::FRAC_PI_2;
 
 fn rigid(name: &str) -> Plant {
     Plant::of_vehicle(&vehicles::by_name(name).unwrap(), Physics::default()).unwrap()
@@ -111,7 +113,7 @@ fn a_quadrotor_on_three_rotors_has_a_steady_turn_that_mueller_and_dandrea_descri
         health[lost] = 0.0;
         let spin = Assessment::of(&vehicle, &health).unwrap().spin.unwrap();
         let plant = rigid("hummingbird").damaged(&health).unwrap();
-        let found = trim_spin(&plant, &spin).unwrap();
+        let found = trim_spin(&plant, &spin, &HoverAxes::of(&vehicle)).unwrap();
         let x = &found.state;
         let turn = rotate([x[6], x[7], x[8], x[9]], [x[10], x[11], x[12]]);
         let thrust: Vec<f64> = (0..4).map(|i| vehicle.rotors[i].thrust_coefficient * x[13 + i] * x[13 + i]).collect();
@@ -133,6 +135,76 @@ fn a_quadrotor_on_three_rotors_has_a_steady_turn_that_mueller_and_dandrea_descri
     }
 }
 
+/// From level axes to those of a vehicle that hovers rolled and pitched, up to one that stands on nose or tail.
+fn mounts() -> impl Iterator<Item = Quat<f64>> {
+    let lean = [(0.2, 0.0), (0.0, -0.5), (1.2, 0.5), (0.0, FRAC_PI_2), (0.0, -FRAC_PI_2)];
+    lean.into_iter().map(|(roll, pitch)| conjugate(from_euler(roll, pitch, 0.0)))
+}
+
+#[test]
+fn a_vehicle_mounted_askew_spins_on_three_rotors_as_the_level_one_does() {
+    let level = quadrotor();
+    for mount in mounts() {
+        let askew = level.turned(mount);
+        for lost in 0..4 {
+            let mut health = [1.0; 4];
+            health[lost] = 0.0;
+            let found = |vehicle| trim_damaged(vehicle, Physics::default(), &health, &TrimTarget::hover()).unwrap();
+            let ((_, own), (_, turned)) = (found(&level), found(&askew));
+            let rate = rotate(mount, [own.state[10], own.state[11], own.state[12]]);
+            let off = (0..3).map(|k| (turned.state[10 + k] - rate[k]).abs()).fold(0.0, f64::max) / own.yaw_rate.abs();
+            let slower = (0..4).map(|k| (turned.state[13 + k] / own.state[13 + k] - 1.0).abs()).fold(0.0, f64::max);
+            println!("{mount:?} without {lost}: {off:.1e} {slower:.1e} {:.1e}", turned.residual);
+            assert!(turned.residual < 1e-8, "{turned:?}");
+            // measured: 1e-12
+            assert!(off < 1e-9 && slower < 1e-9, "{mount:?} without {lost}: {off:e} {slower:e}");
+        }
+    }
+}
+
+#[test]
+fn a_vehicle_mounted_askew_hovers_and_flies_ahead_where_its_hover_points() {
+    let level = quadrotor();
+    for target in [TrimTarget::hover(), TrimTarget::at_velocity([4.0, 1.0, 0.5])] {
+        let of = |vehicle: &Vehicle| trim(&Plant::of_vehicle(vehicle, Physics::default()).unwrap(), &target).unwrap();
+        let own = of(&level);
+        for mount in mounts() {
+            let turned = of(&level.turned(mount));
+            let q = multiply([turned.state[6], turned.state[7], turned.state[8], turned.state[9]], mount);
+            let same = (0..4).map(|k| q[k] * own.state[6 + k]).sum::<f64>().abs();
+            println!("{mount:?}: {:.1e}", 1.0 - same);
+            assert!(1.0 - same < 1e-9, "{mount:?}: {q:?}, level {:?}", &own.state[6..10]);
+            assert!(turned.residual < 1e-8, "{mount:?}: {turned:?}");
+        }
+    }
+}
+
+/// What is moved to tell the lag of a motor that slows down, against a vehicle whose motors have no other and stay where they are.
+#[test]
+fn the_model_of_a_hover_is_that_of_motors_that_slow_down() {
+    for vehicle in vehicles::all() {
+        let steady = |vehicle: &Vehicle| {
+            let plant = Plant::of_vehicle(vehicle, Physics::default()).unwrap();
+            let found = trim(&plant, &TrimTarget::hover()).unwrap();
+            let errors = ErrorState::of_plant(&plant).unwrap();
+            (plant, found, errors)
+        };
+        let (plant, found, errors) = steady(&vehicle);
+        let told = errors.state_space(&plant, &found.state, &found.input, 0.0).unwrap();
+        let mut one_lag = vehicle.clone();
+        one_lag.rotors.iter_mut().for_each(|rotor| rotor.time_constant_up = rotor.time_constant_down);
+        let (plant, found, errors) = steady(&one_lag);
+        let exact = errors.reduce(&found.state, &linearise(&plant, &found.state, &found.input, &[]));
+        for (told, exact) in [(told.a(), exact.0), (told.b(), exact.1)] {
+            for (row, own) in told.row_iter().zip(exact.row_iter()) {
+                let off = (row - own).amax() / own.amax().max(1e-12);
+                // measured 2.8e-7
+                assert!(off < 3e-7, "{}: {off:e}: {row} {own}", vehicle.name);
+            }
+        }
+    }
+}
+
 #[test]
 fn the_model_of_a_turn_says_where_disturbed_flights_go() {
     let vehicle = vehicles::by_name("hummingbird").unwrap();
@@ -140,7 +212,10 @@ fn the_model_of_a_turn_says_where_disturbed_flights_go() {
     let turning = TrimTarget { yaw_rate: 1.2, ..TrimTarget::at_velocity([6.0, 0.0, 0.0]) };
     let spin = Assessment::of(&vehicle, &lost).unwrap().spin.unwrap();
     let three = whole.damaged(&lost).unwrap();
-    let flights = [(&whole, trim(&whole, &turning).unwrap()), (&three, trim_spin(&three, &spin).unwrap())];
+    let flights = [
+        (&whole, trim(&whole, &turning).unwrap()),
+        (&three, trim_spin(&three, &spin, &HoverAxes::of(&vehicle)).unwrap()),
+    ];
     for (plant, found) in flights {
         let errors = ErrorState::of_plant(plant).unwrap();
         let model = errors.state_space(plant, &found.state, &found.input, found.yaw_rate).unwrap();

@@ -99,7 +99,7 @@ impl Subject {
             return Self::robot(a);
         }
         robot::known(&a.vehicle)?;
-        let vehicle = source::load(Some(&a.vehicle), &a.rotors)?.vehicle;
+        let vehicle = source::to_use(Some(&a.vehicle), &a.rotors)?.vehicle;
         let problem = Problem::of_vehicle(&vehicle)?;
         let weight = vehicle.mass_properties().mass * GRAVITY;
         let hover = failure::hover(&vehicle);

@@ -114,7 +114,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     }
     let save = files::model_file(a.save.as_deref(), a.output.force)?;
     check_report(a)?;
-    let source = source::load(Some(&a.vehicle), &a.rotors)?;
+    let source = source::to_use(Some(&a.vehicle), &a.rotors)?;
     let (gains, gains_name) = a.flight.gains(&source.vehicle)?;
     let mut physics = a.flight.physics();
     let air = match a.wind.as_deref() {

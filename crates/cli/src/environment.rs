@@ -186,7 +186,7 @@ impl EnvArguments {
         }
         if let Some(named) = &self.vehicle {
             if is_file(named) {
-                let source = source::load(Some(named), &VehicleArguments { rotors: None, package: Vec::new() })?;
+                let source = source::to_use(Some(named), &VehicleArguments { rotors: None, package: Vec::new() })?;
                 let own = Value::try_from(&source.vehicle).map_err(unwritable)?;
                 option("--vehicle", "env.own_vehicle", own);
                 option("--vehicle", "env.task.vehicle", source.vehicle.name.into());

@@ -324,10 +324,8 @@ fn vehicle(a: &Arguments, around: Option<Around>) -> Result<Flyer> {
     if around.is_none() {
         alone(&a.flight.physics().effects)?;
     }
-    let source = source::load(a.vehicle.as_deref(), &a.rotors)?;
-    if !a.output.json {
-        source.warn();
-    }
+    let source = source::to_use(a.vehicle.as_deref(), &a.rotors)?;
+    if !a.output.json {}
     let mut plan = a.flight.plan(a.duration, a.wind.clone(), a.seed)?;
     plan.n_step()?;
     plan.physics.effects.contact = false;

@@ -141,7 +141,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
         }
         (None, _) => {
             robot::known(&a.vehicle)?;
-            let vehicle = source::load(Some(&a.vehicle), &a.rotors)?.vehicle;
+            let vehicle = source::to_use(Some(&a.vehicle), &a.rotors)?.vehicle;
             a.steady_flight(&vehicle, physics)?
         }
     };

@@ -127,7 +127,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
         Some(_) => (Plant::of_model(&robot::load(&a.vehicle, &a.rotors)?.model, physics)?, a.flight.own_gains()?),
         None => {
             robot::known(&a.vehicle)?;
-            let source = source::load(Some(&a.vehicle), &a.rotors)?;
+            let source = source::to_use(Some(&a.vehicle), &a.rotors)?;
             (Plant::of_vehicle(&source.vehicle, physics)?, Some(a.flight.gains(&source.vehicle)?.0))
         }
     };

@@ -36,7 +36,7 @@ pub fn load(named: &str, arguments: &VehicleArguments) -> Result<Robot> {
         });
     }
     known(named)?;
-    let loaded = source::load(Some(named), arguments)?;
+    let loaded = source::to_use(Some(named), arguments)?;
     let built_in = vehicles::REGISTRY.iter().find(|entry| entry.name == loaded.vehicle.name);
     Ok(Robot {
         model: single(&loaded.vehicle)?,

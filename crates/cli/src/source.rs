@@ -80,6 +80,15 @@ pub fn load(named: Option<&str>, arguments: &VehicleArguments) -> Result<Source>
     }
 }
 
+/// The same for a command that goes on to use the vehicle: what is odd about it is told first, for that may be why it fails.
+pub fn to_use(named: Option<&str>, arguments: &VehicleArguments) -> Result<Source> {
+    let source = load(named, arguments)?;
+    for odd in source.vehicle.oddities() {
+        eprintln!("warning: {}", shown(&odd.to_string()));
+    }
+    Ok(source)
+}
+
 /// What keeps a vehicle from being flown, as 'fly' says it: axes that its rotors do not turn apart, no hover, too little thrust.
 pub fn verdicts(vehicle: &Vehicle) -> Vec<String> {
     let hovers = vehicle.check_steerable().and_then(|()| vehicle.hover());
@@ -156,13 +165,6 @@ impl Source {
         let more = self.file.as_ref().map_or(String::new(), |f| format!("omnidrones import {}", files::word(f)));
         page.notes("warning", &self.warnings, 3, &more);
         page.notes("assumed", &self.assumptions, 3, &more);
-    }
-
-    /// Says what is odd about the vehicle before something is done with it, which may fail for that very reason.
-    pub fn warn(&self) {
-        for odd in self.vehicle.oddities() {
-            eprintln!("warning: {}", shown(&odd.to_string()));
-        }
     }
 
     /// Origin, warnings and assumptions for JSON.

@@ -110,7 +110,7 @@ pub struct Arguments {
 /// Tunes.
 pub fn run(a: &Arguments) -> Result<Report> {
     a.flight.check()?;
-    let source = source::load(Some(&a.vehicle), &a.rotors)?;
+    let source = source::to_use(Some(&a.vehicle), &a.rotors)?;
     let vehicle = &source.vehicle;
     let (gains, gains_name) = a.flight.gains(vehicle)?;
     let cells = a.grid.cells(vehicle, &a.flight.physics())?;

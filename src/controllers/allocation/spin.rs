@@ -32,12 +32,12 @@ const BALANCE: [f64; WRENCH] = [1e-4, 1e-4, 100.0, 0.01, 0.01, 100.0];
 /// Roll and pitch balance before thrust before yaw: what turns the body up to its rate.
 const SPIN_UP: [f64; WRENCH] = [1e-4, 1e-4, 1.0, 100.0, 100.0, 1e-3];
 
-/// A steady turn that carries the weight.
+/// A steady turn that carries the weight, in the axes in which the whole vehicle hovers level: the body's, but of one that leans.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Spin {
-    /// Ω n_z about body z, rad/s, in the sense that the rotors start.
+    /// Ω n_z about z, rad/s, in the sense that the rotors start.
     pub rate: f64,
-    /// n, body axes.
+    /// n.
     pub axis: Vec3<f64>,
     /// Thrust of each rotor, N.
     pub thrusts: Vec<f64>,

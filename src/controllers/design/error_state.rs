@@ -183,7 +183,8 @@ impl ErrorState {
     }
 
     /// One step of a plant about a steady flight that turns at `yaw_rate` (rad/s), sampled at its dt: the error state from itself and
-    /// all inputs, seen whole. Motors slow down: their lag is the longer one. Places and velocities of roots, and what acts on them from
+    /// all inputs, seen whole. Motors slow down: their lag is that of slowing down, and their speeds are taken 10⁻⁷ above the steady
+    /// ones, which moves no entry by more than 3·10⁻⁷ of the largest of its row. Places and velocities of roots, and what acts on them from
     /// outside, are in axes that turn with the flight: seen so, every step is the same, R_z(−r dt) A and R_z(−r dt) B.
     ///
     /// # Errors

@@ -13,10 +13,11 @@
 
 use super::error_state::{ErrorState, quaternion};
 use crate::autodiff::{System, linearise};
+use crate::controllers::HoverAxes;
 use crate::controllers::allocation::Spin;
 use crate::controllers::allocation::failure::{Assessment, Capability};
 use crate::dynamics::rotor::{LEAST_THRUST, holding_action, thrust_action};
-use crate::dynamics::spatial::{conjugate, from_euler, multiply, rotate};
+use crate::dynamics::spatial::{Vec3, conjugate, dot, from_euler, multiply, rotate};
 use crate::dynamics::{Disturbance, Physics, Plant, Vehicle};
 use crate::error::{Error, Result};
 use nalgebra::{DMatrix, DVector};
@@ -26,7 +27,7 @@ pub const STEADY: f64 = 1e-8;
 /// Most Gauss–Newton steps.
 const MOST: usize = 200;
 
-/// A steady flight that is asked for. The heading is 0.
+/// A steady flight that is asked for. The heading is 0: of body x, or of what points forward where hover leans.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrimTarget {
     /// Velocity of every root along the axes that turn, m/s: forward, left, up; what is not given is found.
@@ -81,11 +82,12 @@ pub fn trim(plant: &Plant, target: &TrimTarget) -> Result<Trim> {
 }
 
 /// The turn in place of a damaged vehicle that must spin to stay up, near the [`Spin`] of its assessment: its centre goes round a
-/// vertical axis, and all else stays as it is in axes that turn with it.
+/// vertical axis, and all else stays as it is in axes that turn with it. `axes` are those in which the whole vehicle hovers level: the
+/// spin's are theirs.
 ///
 /// # Errors
 /// As [`trim`]; [`Error::Value`] unless `plant` is one rigid vehicle with one rotor per thrust.
-pub fn trim_spin(plant: &Plant, spin: &Spin) -> Result<Trim> {
+pub fn trim_spin(plant: &Plant, spin: &Spin, axes: &HoverAxes<f64>) -> Result<Trim> {
     let rotors = plant.rotor_places();
     if !matches!(plant, Plant::Rigid(_)) || rotors.len() != spin.thrusts.len() {
         let (value, remedy) = (format!("of {} rotors", spin.thrusts.len()), "Assess the vehicle that the plant is of.");
@@ -95,14 +97,14 @@ pub fn trim_spin(plant: &Plant, spin: &Spin) -> Result<Trim> {
     let [x, y, z] = spin.axis;
     // the shortest turn from the axis to the vertical
     let turn = [1.0 + z, y, -x, 0.0].map(|v| v / (2.0 + 2.0 * z).sqrt());
-    state[6..10].copy_from_slice(&turn);
-    (0..3).for_each(|k| state[10 + k] = spin.rate * spin.axis[k] / z);
+    state[6..10].copy_from_slice(&axes.attitude(turn));
+    state[10..13].copy_from_slice(&axes.to_body(spin.axis.map(|n| spin.rate * n / z)));
     for (rotor, (thrust, own)) in rotors.iter().zip(spin.thrusts.iter().zip(plant.rotors())) {
         let share = (thrust / own.max_thrust().max(1e-12)).clamp(LEAST_THRUST, 1.0);
         (state[rotor.speed], input[rotor.action]) = (share.sqrt() * rotor.max_speed, thrust_action(share));
     }
     let target = TrimTarget { velocity: [None, None, Some(0.0)], yaw_rate: spin.rate / z, ..TrimTarget::hover() };
-    trim_from(plant, &target, &state, &input)
+    search(plant, &target, &state, &input, axes)
 }
 
 /// The plant of a vehicle whose rotor i is left the share `health[i]`, and its steady flight: that of `target` or, where it must spin to
@@ -128,7 +130,7 @@ pub fn trim_damaged(vehicle: &Vehicle, physics: Physics, health: &[f64], target:
             return refused("enough to hold the yaw: without, it turns ever faster", remedy);
         }
         (_, None) => trim(&plant, target)?,
-        (_, Some(spin)) if *target == TrimTarget::hover() => trim_spin(&plant, spin)?,
+        (_, Some(spin)) if *target == TrimTarget::hover() => trim_spin(&plant, spin, &HoverAxes::of(vehicle))?,
         (_, Some(_)) => {
             let remedy = "Leave out velocity, yaw rate, roll and pitch.";
             return refused("enough to fly without a spin: so the vehicle must spin to stay up, in place", remedy);
@@ -142,11 +144,16 @@ pub fn trim_damaged(vehicle: &Vehicle, physics: Physics, health: &[f64], target:
 /// # Errors
 /// As [`trim`].
 pub fn trim_from(plant: &Plant, target: &TrimTarget, state: &[f64], input: &[f64]) -> Result<Trim> {
+    search(plant, target, state, input, &HoverAxes::of_plant(plant))
+}
+
+/// Gauss–Newton steps from a state and an input.
+fn search(plant: &Plant, target: &TrimTarget, state: &[f64], input: &[f64], axes: &HoverAxes<f64>) -> Result<Trim> {
     plant.check_state(state)?;
     crate::error::finite("trim: input", input)?;
     let given = target.velocity.into_iter().chain(target.tilt).flatten().chain([target.yaw_rate]);
     crate::error::finite("trim: target", &given.collect::<Vec<_>>())?;
-    let search = Search::new(plant, target, state)?;
+    let search = Search::new(plant, target, state, axes)?;
     let mut now = search.begin(state, input);
     let mut left = search.residual(&now).0;
     for _ in 0..MOST {
@@ -172,6 +179,8 @@ struct Search<'a> {
     /// Commands among the inputs.
     commands: Vec<usize>,
     theta: Vec<f64>,
+    /// What points forward in hover, body axes: its heading is prescribed.
+    forward: Vec3<f64>,
 }
 
 #[derive(Clone)]
@@ -181,7 +190,7 @@ struct Point {
 }
 
 impl<'a> Search<'a> {
-    fn new(plant: &'a Plant, target: &'a TrimTarget, state: &[f64]) -> Result<Self> {
+    fn new(plant: &'a Plant, target: &'a TrimTarget, state: &[f64], axes: &HoverAxes<f64>) -> Result<Self> {
         let errors = ErrorState::of_plant(plant)?;
         // roots that float: others have no velocity of their own
         let roots: Vec<usize> = plant.roots().into_iter().filter(|root| errors.turns_at(root + 6)).collect();
@@ -200,7 +209,7 @@ impl<'a> Search<'a> {
         let commands = (0..plant.n_input()).filter(|k| !outside.iter().any(|f| (*f..f + 9).contains(k))).collect();
         let theta = if plant.n_parameter() > 0 { plant.parameters() } else { Vec::new() };
         debug_assert_eq!(state.len(), plant.n_state());
-        Ok(Self { plant, target, errors, roots, free, still, commands, theta })
+        Ok(Self { plant, target, errors, roots, free, still, commands, theta, forward: axes.to_body([1.0, 0.0, 0.0]) })
     }
 
     fn begin(&self, state: &[f64], input: &[f64]) -> Point {
@@ -285,8 +294,14 @@ impl<'a> Search<'a> {
             let plus = |one: [(usize, f64); 3], a: f64, other: [(usize, f64); 3], b: f64| {
                 [0, 1, 2].map(|k| (one[k].0, a * one[k].1 + b * other[k].1))
             };
-            let size = x[0] * x[0] + y[0] * y[0];
-            rows.push((y[0].atan2(x[0]), plus(by(y, 0), x[0] / size, by(x, 0), -y[0] / size)));
+            let along = |r: [f64; 3]| {
+                let parts = [0, 1, 2].map(|k| by(r, k));
+                let slope = [0, 1, 2].map(|i| (angle + i, (0..3).map(|k| self.forward[k] * parts[k][i].1).sum()));
+                (dot(r, self.forward), slope)
+            };
+            let ((ahead, by_x), (aside, by_y)) = (along(x), along(y));
+            let size = ahead * ahead + aside * aside;
+            rows.push((aside.atan2(ahead), plus(by_y, ahead / size, by_x, -aside / size)));
             let [roll, pitch] = self.target.tilt;
             if let Some(pitch) = pitch {
                 rows.push((z[0] + pitch.sin(), by(z, 0)));
