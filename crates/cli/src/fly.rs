@@ -325,7 +325,6 @@ fn vehicle(a: &Arguments, around: Option<Around>) -> Result<Flyer> {
         alone(&a.flight.physics().effects)?;
     }
     let source = source::to_use(a.vehicle.as_deref(), &a.rotors)?;
-    if !a.output.json {}
     let mut plan = a.flight.plan(a.duration, a.wind.clone(), a.seed)?;
     plan.n_step()?;
     plan.physics.effects.contact = false;

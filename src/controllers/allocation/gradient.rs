@@ -20,7 +20,7 @@
 //! is then that of one side, and [`AllocationSensitivity::margin`] says how near that is.
 
 use super::allocator::AllocationSolution;
-use super::problem::{Cone, Problem, Scales, WRENCH};
+use super::problem::{Cone, Problem, SWEEPS, Scales, WRENCH};
 use super::variation::Variation;
 use nalgebra::{DMatrix, DVector};
 
@@ -450,7 +450,8 @@ fn factorise(curvature: &DMatrix<f64>, free: &[usize], equations: &[Equation]) -
         return Factored::Lu(lu);
     }
     let empty = DMatrix::zeros(f + m, f + m);
-    Factored::Inverse(saddle.pseudo_inverse(1e-12).unwrap_or(empty))
+    let svd = saddle.try_svd(true, true, 5.0 * f64::EPSILON, SWEEPS);
+    Factored::Inverse(svd.and_then(|svd| svd.pseudo_inverse(1e-12).ok()).unwrap_or(empty))
 }
 
 impl Factored {

@@ -10,7 +10,7 @@
 //! inputs have to give way.
 
 use super::allocator::{Allocator, Counts, Solver};
-use super::problem::{Problem, WRENCH};
+use super::problem::{Problem, SWEEPS, WRENCH};
 use crate::controllers::controller::Note;
 use crate::error::Result;
 use nalgebra::{DMatrix, DVector, SVector};
@@ -127,10 +127,10 @@ fn give(problem: &Problem) -> f64 {
 /// B⁺ = (W^½ B)⁺ W^½ without the weak directions.
 fn pseudo_inverse(problem: &Problem) -> DMatrix<f64> {
     let root = DMatrix::from_diagonal(&DVector::from_iterator(WRENCH, problem.weights.iter().map(|w| w.sqrt())));
-    let svd = (&root * &problem.geometry).svd(true, true);
-    let tolerance = WEAK * svd.singular_values.max();
-    match svd.pseudo_inverse(tolerance) {
-        Ok(inverse) => inverse * root,
-        Err(_) => DMatrix::zeros(problem.n_input(), WRENCH),
-    }
+    let svd = (&root * &problem.geometry).try_svd(true, true, 5.0 * f64::EPSILON, SWEEPS);
+    let inverse = svd.and_then(|svd| {
+        let tolerance = WEAK * svd.singular_values.max();
+        svd.pseudo_inverse(tolerance).ok()
+    });
+    inverse.map_or_else(|| DMatrix::zeros(problem.n_input(), WRENCH), |inverse| inverse * root)
 }

@@ -20,6 +20,8 @@ pub const WRENCH: usize = 6;
 pub(crate) const MAX_INPUTS: usize = 48;
 /// Bounds farther out than this many times what is asked for do not count as the size of the inputs.
 const LOOSE: f64 = 100.0;
+/// Most sweeps for the singular values of one problem: some two are needed for each.
+pub(super) const SWEEPS: usize = 10_000;
 /// ρ of [`Problem::of_vehicle`] over the largest diagonal entry of BᵀWB: bias of the delivered wrench 1e-6 along a
 /// direction as strong as one rotor.
 pub(crate) const REGULARISATION: f64 = 1e-6;

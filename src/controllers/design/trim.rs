@@ -26,6 +26,8 @@ use nalgebra::{DMatrix, DVector};
 pub const STEADY: f64 = 1e-8;
 /// Most Gauss–Newton steps.
 const MOST: usize = 200;
+/// Most sweeps for one step's singular values: some two are needed for each.
+const SWEEPS: usize = 10_000;
 
 /// A steady flight that is asked for. The heading is 0: of body x, or of what points forward where hover leans.
 #[derive(Debug, Clone, PartialEq)]
@@ -323,7 +325,7 @@ impl<'a> Search<'a> {
             for (j, _) in held.iter().enumerate().filter(|(_, held)| **held) {
                 usable.column_mut(self.free.len() + j).fill(0.0);
             }
-            let step = usable.svd(true, true).solve(&-left, 1e-9).ok()?;
+            let step = usable.try_svd(true, true, 5.0 * f64::EPSILON, SWEEPS)?.solve(&-left, 1e-9).ok()?;
             let leaves = |j: usize| {
                 let (u, du) = (now.input[self.commands[j]], step[self.free.len() + j]);
                 (u >= 1.0 && du > 1e-12) || (u <= -1.0 && du < -1e-12)
