@@ -1,8 +1,14 @@
 //! One vehicle, all commands: whether it hovers and can be steered is told alike by everybody.
 
 use crate::command::{exits, json, temporary};
-use omnidrones::dynamics::{Vehicle, vehicles};
+use omnidrones::controllers::CascadeModel;
+use omnidrones::dynamics::{MAX_ROTORS, Vehicle, vehicles};
+use omnidrones::error::Error;
 use std::path::Path;
+
+#[path = "../../../../tests/common/geometry.rs"]
+#[allow(dead_code)]
+mod geometry;
 
 /// Commands that need a vehicle that flies.
 const FLYING: [&[&str]; 5] = [
@@ -117,4 +123,58 @@ fn what_leans_in_hover_is_flown_and_told_by_every_command() {
             &["rollout", "Hover", "--vehicle", &file, "--envs", "2", "--horizon", "40", "--no-plots"],
         );
     }
+}
+
+/// What the library says of random geometries is what every command does: nothing is flown that does not hover or cannot be steered,
+/// and nothing that does is refused. `design`, `tune` and `recover` take a second each: of every tenth.
+#[test]
+fn two_hundred_random_vehicles_are_flown_or_refused_alike_by_every_command() {
+    let folder = temporary();
+    let (mut flown, mut refused) = (0, 0);
+    for seed in 0..200 {
+        let vehicle = geometry::vehicle(seed);
+        let file = written(folder.path(), &vehicle);
+        let hover = vehicle.hover();
+        // what steers asks for gains, and for a twentieth of the weight to spare
+        let steered = vehicle.check_steerable().and_then(|()| vehicle.hover());
+        let flies = steered.and_then(|_| CascadeModel::<f64, MAX_ROTORS>::new(&vehicle, &vehicle.gains()));
+        let run = |command: &[&str]| {
+            let output =
+                crate::command::command(folder.path(), &of(command, &file)).output().expect("the binary starts");
+            let [page, error] = [output.stdout, output.stderr].map(|text| String::from_utf8(text).expect("text"));
+            (output.status.code().expect("no signal"), page, error)
+        };
+        let rows = ["roll moment", "pitch moment", "yaw moment", "lift", "only together", "not at all"];
+        let same_row =
+            |told: &str, error: &Error| rows.iter().any(|row| told.contains(row) && error.to_string().contains(row));
+
+        let (code, page, _) = run(&["models"]);
+        assert_eq!(code, 0, "models {file}");
+        let warned = flies.as_ref().err().is_none_or(|error| same_row(&page, error));
+        assert!(warned, "models {file}: {page}\n{flies:?}");
+        let (code, _, error) = run(&["linearise"]);
+        assert_eq!(code, if hover.is_ok() { 0 } else { 2 }, "linearise {file}: {error}");
+        assert!(hover.as_ref().err().is_none_or(|own| same_row(&error, own)), "linearise {file}: {error}");
+        let (code, page, error) = run(&["allocate"]);
+        assert_eq!(code, 0, "allocate {file}: {error}");
+        assert!(hover.as_ref().err().is_none_or(|own| same_row(&page, own)), "allocate {file}: {page}");
+
+        let quick: &[&str] =
+            &["fly", "--no-plots", "--duration", "0.2", "--reference", "hover", "--out", "flown", "--force"];
+        let slow = FLYING[1..4].iter().copied().filter(|_| seed % 10 == 0);
+        for command in std::iter::once(quick).chain(slow) {
+            let (code, _, error) = run(command);
+            match &flies {
+                // a tuning of one step may find nothing better, a start may be too much to recover
+                Ok(_) => assert!(
+                    code == 0 || (code == 1 && ["tune", "recover"].contains(&command[0])),
+                    "{command:?} {file}: {error}"
+                ),
+                Err(own) => assert!(code == 2 && same_row(&error, own), "{command:?} {file}: {error}\n{own}"),
+            }
+        }
+        *(if flies.is_ok() { &mut flown } else { &mut refused }) += 1;
+    }
+    println!("{flown} flown, {refused} refused");
+    assert!(flown > 50 && refused > 20, "{flown} flown, {refused} refused");
 }
