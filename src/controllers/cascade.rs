@@ -239,7 +239,7 @@ impl<const R: usize> CascadeModel<f64, R> {
     /// Likewise, with given limits.
     ///
     /// # Errors
-    /// [`Error::Value`] for axes that its rotors do not turn apart, for less than 1.05 of the weight in thrust, and for a vehicle, gains or
+    /// [`Error::Value`] for axes that its rotors do not turn apart, for less than 1.05 of the weight in thrust or in lift without a moment, and for a vehicle, gains or
     /// limits that are not valid.
     pub fn with_limits(vehicle: &Vehicle, gains: &Gains, limits: &CommandLimits) -> Result<Self> {
         vehicle.validate()?;
@@ -269,6 +269,7 @@ impl<const R: usize> CascadeModel<f64, R> {
                 "Take mass off, or give it stronger rotors: max_speed or thrust_coefficient.",
             ));
         }
+        check_balanced_lift(vehicle)?;
         Ok(Self {
             gains: GainSet::constant(gains),
             limits: ForceLimits::constant(limits, lift, weight),
@@ -278,6 +279,26 @@ impl<const R: usize> CascadeModel<f64, R> {
             axes,
         })
     }
+}
+
+/// Refuses a vehicle that carries no more than its weight without a moment, however much all its rotors push together.
+fn check_balanced_lift(vehicle: &Vehicle) -> Result<()> {
+    let Ok(hover) = vehicle.hover() else { return Ok(()) };
+    let fullest =
+        hover.thrusts.iter().zip(&vehicle.rotors).map(|(t, rotor)| t / rotor.max_thrust()).fold(0.0, f64::max);
+    if fullest * LEAST_LIFT <= 1.0 {
+        return Ok(());
+    }
+    let lift = vehicle.balanced_lift()?;
+    if lift >= LEAST_LIFT {
+        return Ok(());
+    }
+    Err(Error::value(
+        format!("vehicle '{}': lift without a moment over weight", vehicle.name),
+        format!("{lift:.3}, of a thrust over weight of {:.3}", vehicle.thrust_to_weight()),
+        format!("≥ {LEAST_LIFT}, to hold its height and steer"),
+        "Move the centre of mass between the rotors, take mass off, or give it stronger rotors: max_speed or thrust_coefficient.",
+    ))
 }
 
 impl<S: Scalar, const R: usize> CascadeModel<S, R> {

@@ -206,7 +206,7 @@ fn sampled(plant: &Plant, n_rotor: usize, every: u64) -> Result<(DMatrix<f64>, D
     let errors = ErrorState::of_plant(plant)?;
     let theta = if plant.n_parameter() > 0 { plant.parameters() } else { Vec::new() };
     let mut state = hover.state;
-    plant.slow_down(&mut state);
+    plant.take_longer_lags(&mut state);
     let (a, b) = errors.reduce(&state, &linearise(plant, &state, &hover.input, &theta));
     let b = b.columns(0, n_rotor).into_owned();
     let (mut held, mut input) = (a.clone(), b.clone());

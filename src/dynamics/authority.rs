@@ -120,8 +120,19 @@ impl Vehicle {
             format!("vehicle '{}': steering", self.name),
             format!("incomplete (its rotors move {})", authority.shortcomings()),
             "of thrust, roll, pitch and yaw, each apart from the others",
-            "Set rotors around the centre of mass and let neighbours spin opposite ways: position, axis, spin.",
+            self.steering_remedy(&authority),
         ))
+    }
+
+    fn steering_remedy(&self, authority: &Authority) -> &'static str {
+        if self.n_rotor() < 4 {
+            return "Four axes need four rotors; one that a servo tilts makes a system of bodies, as 'omnidrones show' lists them.";
+        }
+        let dragless = self.rotors.iter().all(|rotor| rotor.moment_per_thrust == 0.0);
+        if dragless && authority.tied == [vec![Axis::Yaw]] {
+            return "Give its rotors the moment of their drag: moment_per_thrust, m.";
+        }
+        "Set rotors around the centre of mass and let neighbours spin opposite ways: position, axis, spin."
     }
 }
 

@@ -3,18 +3,21 @@
 //! With F and M the forces and the moments about the centre of mass of unit thrusts, body axes, hover is R and T with
 //!
 //! ```text
-//! R F T = m g e_z      M T = 0      0 ≤ T ≤ T_max
+//! R F T = m g e_z      M T = 0      10⁻⁴ T_max ≤ T ≤ T_max
 //! ```
+//!
+//! (a motor that is commanded to stand idles at a hundredth of its speed).
 //!
 //! A vehicle hovers level where it can without stopping rotors. A crooked rotor, props that are pitched forward or a base frame that is not level
 //! make it lean: R turns d = F T/‖F T‖ upright, without a heading.
 //!
 //! Of many solutions the first of these is taken whose reserve is at least half of the largest: level with least ‖T‖; level with
-//! the largest reserve; leaning with least ‖T‖, which is the strongest direction of F on the null space of M; leaning with the
-//! largest reserve. The reserve is the share of its T_max that the tightest rotor keeps to either limit; half of it steers about as
+//! the largest reserve; leaning with least ‖T‖, which is the strongest direction of F on the null space of M; leaning as with the
+//! largest reserve, with least ‖T‖; leaning with the largest reserve. The reserve is the share of its T_max that the tightest rotor keeps to either limit; half of it steers about as
 //! well, and a stopped rotor does not steer.
 
 use super::authority::characteristic_length;
+use super::rotor::LEAST_THRUST;
 use super::spatial::{Quat, from_euler, identity};
 use super::vehicle::{GRAVITY, Inertia, Vehicle};
 use crate::error::{Error, Result};
@@ -85,7 +88,10 @@ impl Vehicle {
         }
         let leaning = balance.leaning_least();
         let start = leaning.as_ref().map_or_else(|| balance.strongest(), |(up, _)| *up);
-        let found = [least, balance.level_best(), leaning.and_then(|(_, hover)| hover), balance.leaning_best(start)];
+        let best = balance.leaning_best(start);
+        // the same vehicle described in the axes of that hover has least thrusts of its own
+        let along = best.as_ref().and_then(|best| balance.least_along(&best.up.into()));
+        let found = [least, balance.level_best(), leaning.and_then(|(_, hover)| hover), along, best];
         let most = found.iter().flatten().map(|hover| hover.reserve).fold(f64::NEG_INFINITY, f64::max);
         match found.into_iter().flatten().find(|hover| hover.reserve >= ENOUGH * most) {
             Some(hover) => Ok(hover),
@@ -94,6 +100,19 @@ impl Vehicle {
                 Err(balance.missing(self, start))
             }
         }
+    }
+
+    /// The largest lift without a moment over the weight: of all thrusts within their limits that push where those of hover do. It is
+    /// [`thrust_to_weight`](Self::thrust_to_weight) where all rotors push up and reach their limit together, less else.
+    ///
+    /// # Errors
+    /// As [`hover`](Self::hover).
+    pub fn balanced_lift(&self) -> Result<f64> {
+        let hover = self.hover()?;
+        let balance = Balance::of(self);
+        // what carries the weight is scaled to the limit where no program finds more
+        let fullest = hover.thrusts.iter().zip(&balance.most).map(|(t, most)| t / most).fold(0.0, f64::max);
+        Ok(balance.most_lift(&hover.up.into()).unwrap_or(0.0).max(1.0 / fullest))
     }
 
     /// The same vehicle described in the axes in which it hovers level: itself where it does, or where it does not hover.
@@ -170,12 +189,12 @@ impl Balance {
     /// The hover of thrusts within their limits; `None` for others.
     fn within(&self, mut thrusts: DVector<f64>, level: bool) -> Option<Hover> {
         let shares = thrusts.component_div(&self.most);
-        let room = shares.map(|share| share.min(1.0 - share));
-        let tightest = room.imin();
-        if room.is_empty() || room[tightest].is_nan() || room[tightest] < -SLACK {
+        if shares.is_empty() || !shares.iter().all(|share| (LEAST_THRUST - SLACK..=1.0 + SLACK).contains(share)) {
             return None;
         }
-        thrusts.iter_mut().zip(&self.most).for_each(|(t, most)| *t = t.clamp(0.0, *most));
+        let room = shares.map(|share| share.min(1.0 - share));
+        let tightest = room.imin();
+        thrusts.iter_mut().zip(&self.most).for_each(|(t, most)| *t = t.clamp(LEAST_THRUST * most, *most));
         let up = self.force(&thrusts) / self.weight;
         // Rᵀ e_z of roll and pitch at yaw 0
         let [x, y, z] = (up / up.norm()).into();
@@ -238,6 +257,17 @@ impl Balance {
         self.force(&self.most).try_normalize(f64::MIN_POSITIVE).unwrap_or(Vector3::z())
     }
 
+    /// The least-norm solution of F T = m g `up`, M T = 0.
+    fn least_along(&self, up: &Vector3<f64>) -> Option<Hover> {
+        let mut wrench = DVector::zeros(6);
+        wrench.rows_mut(0, 3).copy_from(&(up.normalize() * self.weight));
+        let svd = decomposed(self.matrix.clone())?;
+        let thrusts = svd.solve(&wrench, RANK * svd.singular_values.max()).ok()?;
+        let mut left = &self.matrix * &thrusts - wrench;
+        left.rows_mut(3, 3).unscale_mut(self.length);
+        if left.norm() <= BALANCED * self.weight { self.within(thrusts, false) } else { None }
+    }
+
     /// Thrusts without moment and with the largest reserve: each linear program has the direction of the thrust from the one before.
     fn leaning_best(&self, mut up: Vector3<f64>) -> Option<Hover> {
         let free = null_space(&self.moments());
@@ -284,6 +314,29 @@ impl Balance {
         Some(DVector::from_fn(n, |i, _| shares[i] * self.most[i]))
     }
 
+    /// The largest λ with F T = λ m g `up` and M T = 0 within the limits.
+    fn most_lift(&self, up: &Vector3<f64>) -> Option<f64> {
+        let n = self.n();
+        let scale = DVector::from_fn(6, |row, _| self.weight * if row < 3 { 1.0 } else { self.length });
+        let mut a = DMatrix::zeros(6 + 2 * n, n + 1);
+        (0..n).for_each(|i| (0..6).for_each(|k| a[(k, i)] = self.matrix[(k, i)] * self.most[i] / scale[k]));
+        (0..3).for_each(|k| a[(k, n)] = -up[k]);
+        let mut b = DVector::zeros(6 + 2 * n);
+        self.limit(&mut a, &mut b, 6);
+        let mut cost = vec![0.0; n + 1];
+        cost[n] = -1.0;
+        solved(&DMatrix::zeros(n + 1, n + 1), &cost, &a, &b, 6).map(|x| x[n])
+    }
+
+    /// Rows from `first` on that keep shares of T_max, the first columns, within their limits.
+    fn limit(&self, a: &mut DMatrix<f64>, b: &mut DVector<f64>, first: usize) {
+        let n = self.n();
+        for i in 0..n {
+            let (low, high) = (first + i, first + n + i);
+            (a[(low, i)], b[low], a[(high, i)], b[high]) = (-1.0, -LEAST_THRUST, 1.0, 1.0);
+        }
+    }
+
     /// The row that cannot be met within the limits: lift, or with the lift the moment of which most is left where the least
     /// ‖moment‖ is.
     fn missing(&self, vehicle: &Vehicle, up: Vector3<f64>) -> Error {
@@ -306,9 +359,7 @@ impl Balance {
         let mut b = DVector::zeros(1 + 2 * n);
         a.row_mut(0).copy_from(&scaled.row(0));
         b[0] = right[0];
-        for i in 0..n {
-            (a[(1 + i, i)], a[(1 + n + i, i)], b[1 + n + i]) = (-1.0, 1.0, 1.0);
-        }
+        self.limit(&mut a, &mut b, 1);
         let cost = scaled.rows(1, 3).tr_mul(&scaled.rows(1, 3));
         let left = solved(&cost, &vec![0.0; n], &a, &b, 1)
             .map(|shares| scaled.rows(1, 3) * DVector::from_vec(shares) * (self.weight * self.length));
@@ -323,7 +374,7 @@ impl Balance {
         let row = left.iamax();
         let c = vehicle.mass_properties().center_of_mass;
         let remedy = if row == 2 {
-            "Let rotors that spin one way balance those that spin the other: spin, moment_per_thrust.".into()
+            "Let rotors that spin one way balance those that spin the other: spin, moment_per_thrust, thrust_coefficient, max_speed, axis.".into()
         } else {
             format!("Move the centre of mass, now at ({:.3}, {:.3}, {:.3}) m, between the rotors.", c.x, c.y, c.z)
         };

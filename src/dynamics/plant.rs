@@ -277,11 +277,14 @@ impl Plant {
         self.rotors().into_iter().enumerate().map(place).collect()
     }
 
-    /// Turns rotors faster than a steady state by 10⁻⁷ of their speed: where a motor speeds up and slows down with different lags,
-    /// rounding would else decide which of them a derivative there is of. It is that of slowing down, and no entry of A or B differs
-    /// from that at the steady state by more than 3·10⁻⁷ of the largest of its row.
-    pub(crate) fn slow_down(&self, state: &mut [f64]) {
-        self.rotor_places().iter().for_each(|rotor| state[rotor.speed] *= 1.0 + 1e-7);
+    /// Moves rotors from a steady state by 10⁻⁷ of their speed, to where they answer with the longer of their lags: where a motor
+    /// speeds up and slows down with different ones, rounding would else decide which of them a derivative there is of. No entry of A
+    /// or B differs from that at the steady state by more than 3·10⁻⁷ of the largest of its row.
+    pub(crate) fn take_longer_lags(&self, state: &mut [f64]) {
+        for (place, rotor) in self.rotor_places().iter().zip(self.rotors()) {
+            let slows = rotor.time_constant_down >= rotor.time_constant_up;
+            state[place.speed] *= if slows { 1.0 + 1e-7 } else { 1.0 - 1e-7 };
+        }
     }
 
     /// First of each tree's numbers in the state; a floating root's 13 begin there.

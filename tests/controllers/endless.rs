@@ -8,6 +8,7 @@ use omnidrones::controllers::{ClosedLoop, Target};
 use omnidrones::dynamics::{Disturbance, Gains, Physics, Plant, Vehicle, vehicles};
 use omnidrones::error::Result;
 use omnidrones::rng::{Purpose, Stream};
+use std::sync::LazyLock;
 use std::time::Instant;
 
 /// A vehicle with another mass, inertia and lag, its gains with factors, some of them of any power of ten, and a latency in steps:
@@ -68,13 +69,21 @@ fn judged((vehicle, gains, latency): (Vehicle, Gains, usize), everywhere: bool) 
     Ok(stable)
 }
 
+/// Time that this thread has been computing, s, where the system tells it: a busy machine takes longer for the same. Else that of the clock.
+fn seconds_of_a_core() -> f64 {
+    static START: LazyLock<Instant> = LazyLock::new(Instant::now);
+    let told = std::fs::read_to_string("/proc/thread-self/schedstat").ok();
+    let nanoseconds = told.as_deref().and_then(|line| line.split(' ').next()?.parse::<f64>().ok());
+    nanoseconds.map_or_else(|| START.elapsed().as_secs_f64(), |ns| 1e-9 * ns)
+}
+
 /// Judges cases and tells the longest; an error is an answer.
 fn all(cases: impl Iterator<Item = u64>, everywhere: bool) {
     let (mut longest, mut counts) = ((0.0, 0), [0; 3]);
     for episode in cases {
-        let clock = Instant::now();
+        let before = seconds_of_a_core();
         let found = judged(drawn(episode), everywhere);
-        let time = clock.elapsed().as_secs_f64();
+        let time = seconds_of_a_core() - before;
         longest = if time > longest.0 { (time, episode) } else { longest };
         counts[match &found {
             Ok(true) => 0,

@@ -52,16 +52,11 @@ fn drawn(n: usize) -> (Vec<Vehicle>, Vec<Vehicle>) {
 
 fn random_vehicles_hold(n: usize) {
     for name in ["lqr", "cascade"] {
-        let mut worst = (0.0, String::new());
-        for vehicle in &drawn(n).0 {
-            let off = strays(vehicle, name);
-            assert!(off < 0.01, "{} by {name}: {off} m", vehicle.name);
-            if off > worst.0 {
-                worst = (off, vehicle.name.clone());
-            }
-        }
-        // measured of 200: see CHANGELOG
-        println!("{name}: {worst:?}");
+        let mut all: Vec<(f64, String)> =
+            drawn(n).0.into_iter().map(|vehicle| (strays(&vehicle, name), vehicle.name)).collect();
+        all.sort_by(|a, b| b.0.total_cmp(&a.0));
+        println!("{name}: {:?}", &all[..5]);
+        assert!(all[0].0 < 0.01, "{name}: {:?}", all.iter().filter(|(off, _)| *off >= 0.01).collect::<Vec<_>>());
     }
 }
 

@@ -179,10 +179,14 @@ fn a_vehicle_mounted_askew_hovers_and_flies_ahead_where_its_hover_points() {
     }
 }
 
-/// What is moved to tell the lag of a motor that slows down, against a vehicle whose motors have no other and stay where they are.
+/// What is moved to tell a motor by its longer lag, against a vehicle whose motors have no other and stay where they are.
 #[test]
-fn the_model_of_a_hover_is_that_of_motors_that_slow_down() {
-    for vehicle in vehicles::all() {
+fn the_model_of_a_hover_is_that_of_motors_with_their_longer_lag() {
+    let swapped = |mut vehicle: Vehicle| {
+        vehicle.rotors.iter_mut().for_each(|r| std::mem::swap(&mut r.time_constant_up, &mut r.time_constant_down));
+        vehicle
+    };
+    for vehicle in vehicles::all().into_iter().flat_map(|vehicle| [vehicle.clone(), swapped(vehicle)]) {
         let steady = |vehicle: &Vehicle| {
             let plant = Plant::of_vehicle(vehicle, Physics::default()).unwrap();
             let found = trim(&plant, &TrimTarget::hover()).unwrap();
@@ -192,7 +196,10 @@ fn the_model_of_a_hover_is_that_of_motors_that_slow_down() {
         let (plant, found, errors) = steady(&vehicle);
         let told = errors.state_space(&plant, &found.state, &found.input, 0.0).unwrap();
         let mut one_lag = vehicle.clone();
-        one_lag.rotors.iter_mut().for_each(|rotor| rotor.time_constant_up = rotor.time_constant_down);
+        for rotor in &mut one_lag.rotors {
+            let longer = rotor.time_constant_up.max(rotor.time_constant_down);
+            (rotor.time_constant_up, rotor.time_constant_down) = (longer, longer);
+        }
         let (plant, found, errors) = steady(&one_lag);
         let exact = errors.reduce(&found.state, &linearise(&plant, &found.state, &found.input, &[]));
         for (told, exact) in [(told.a(), exact.0), (told.b(), exact.1)] {

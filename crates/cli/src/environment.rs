@@ -1,6 +1,7 @@
 //! Which environments a command is about: a task, a configuration file, and what options change in it.
 
 use super::arguments::{IntegratorName, VehicleArguments, is_path};
+use super::page::shown;
 use super::{files, source};
 use clap::{Args, ValueEnum};
 use omnidrones::controllers::cascade::Level;
@@ -187,6 +188,9 @@ impl EnvArguments {
         if let Some(named) = &self.vehicle {
             if is_file(named) {
                 let source = source::to_use(Some(named), &VehicleArguments { rotors: None, package: Vec::new() })?;
+                for verdict in source::verdicts(&source.vehicle) {
+                    eprintln!("warning: no controller of ours flies it: {}", shown(&verdict));
+                }
                 let own = Value::try_from(&source.vehicle).map_err(unwritable)?;
                 option("--vehicle", "env.own_vehicle", own);
                 option("--vehicle", "env.task.vehicle", source.vehicle.name.into());

@@ -61,6 +61,7 @@ impl KeyFigures {
             "mass": self.mass,
             "thrust_to_weight": self.thrust_to_weight,
             "max_thrust": vehicle.max_thrust(),
+            "lift_to_weight": vehicle.balanced_lift().ok(),
             "hover_thrust": self.hover_thrust,
             "hover_command": self.hover_command(),
             "hover_lean": self.hover.as_ref().ok().map(Hover::lean),
@@ -84,6 +85,9 @@ pub fn key_facts(vehicle: &Vehicle) -> Vec<Fact> {
             .note(format!("{} N together at full speed", short(vehicle.max_thrust(), 4))),
         Fact::new("thrust / weight", number(key.thrust_to_weight, 2)),
     ];
+    // where it is not what all rotors push together
+    let lift = vehicle.balanced_lift().ok().filter(|lift| *lift < 0.95 * key.thrust_to_weight);
+    facts.extend(lift.map(|lift| Fact::new("lift / weight", number(lift, 2)).note("without a moment")));
     facts.extend(hover_facts(&key, vehicle));
     facts.push(
         Fact::new("motor lag", format!("{} ms", key.motor()))

@@ -7,6 +7,9 @@
 //! n_x n_z = −M_y / ((J_z − J_x) Ω²),   n_y n_z = M_x / ((J_z − J_y) Ω²)
 //! ```
 //!
+//! With products of inertia, n leans in the direction φ in which n × Jn points along M across z; about z it leaves what the rotors
+//! have to make besides.
+//!
 //! n stays vertical; the thrust along body z turns around it, and its mean carries the weight: T n_z = m g. Turning slower, the body
 //! needs less of M, the rotor that makes it pushes less, and the yaw moment that is then missing turns the body faster, and the other
 //! way round: the rate holds itself.
@@ -18,12 +21,15 @@ use super::attainable_wrench::{AttainableWrenches, WrenchMargin};
 use super::problem::{Problem, WRENCH};
 use crate::dynamics::spatial::Vec3;
 use crate::error::Result;
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector2, Vector3};
 
 /// Sine of the angle between n and body z.
 const LEAN: f64 = 0.3;
-/// Least difference of moments of inertia about z and across, and largest product of inertia, as a share of the moment about z.
+/// Least difference of moments of inertia about z and across, as a share of the moment about z.
 const LEAST_DIFFERENCE: f64 = 0.05;
+/// Most turns of the axis until it and the thrusts belong together, and how far the last turns it, rad.
+const TURNS: usize = 50;
+const SETTLED: f64 = 1e-9;
 /// Least room around its thrusts, as a share of the weight: what steers it must push both ways in every turn. A Crazyflie has half of
 /// it and, at 47 rad/s behind motors of 20 ms, falls.
 const ROOM: f64 = 0.1;
@@ -54,26 +60,68 @@ impl Spin {
         least: f64,
     ) -> Result<Option<Self>> {
         let weight = hover[2];
-        let difference = [0, 1].map(|k| j[(2, 2)] - j[(k, k)]);
         let upright = (1.0 - LEAN * LEAN).sqrt();
-        let wanted = [0.0, 0.0, weight / upright, 0.0, 0.0, 0.0];
-        let (thrusts, made) = best(problem, &BALANCE, &wanted)?;
+        let lift = weight / upright;
         let (_, started) = best(problem, &SPIN_UP, hover)?;
-        let room = WrenchMargin::within(problem, three, &[0.0, 0.0, made[2], made[3], made[4], 0.0])?;
-        let balanced = (made[2] - wanted[2]).abs() < least && made[5].abs() < 0.1 * started[5].abs();
-        let can_start = started[2] > 0.99 * weight && started[3].hypot(started[4]) < least * three.length();
-        let small = LEAST_DIFFERENCE * j[(2, 2)];
-        let principal = [(0, 1), (0, 2), (1, 2)].iter().all(|place| j[*place].abs() < small);
-        let differs = principal && difference.iter().all(|d| d.abs() > small);
-        if !(balanced && can_start && differs && room.margin.distance > ROOM * weight) {
+        if !differs(j) {
             return Ok(None);
         }
-        let across = [-made[4] / difference[0], made[3] / difference[1]];
-        let size = across[0].hypot(across[1]);
-        let squared = size * upright / LEAN;
-        let axis = [LEAN * across[0] / size, LEAN * across[1] / size, upright];
-        Ok(Some(Self { rate: squared.sqrt().copysign(started[5]), axis, thrusts }))
+        let Some((axis, squared, thrusts, made)) = steady(problem, lift, j)? else { return Ok(None) };
+        let room = WrenchMargin::within(problem, three, &[0.0, 0.0, made[2], made[3], made[4], 0.0])?;
+        let needed = squared * about(&axis, j).z;
+        let balanced = (made[2] - lift).abs() < least && (made[5] - needed).abs() < 0.1 * started[5].abs();
+        let can_start = started[2] > 0.99 * weight && started[3].hypot(started[4]) < least * three.length();
+        if !(balanced && can_start && room.margin.distance > ROOM * weight) {
+            return Ok(None);
+        }
+        Ok(Some(Self { rate: upright * squared.sqrt().copysign(started[5]), axis: axis.into(), thrusts }))
     }
+}
+
+/// n × J n.
+fn about(n: &Vector3<f64>, j: &Matrix3<f64>) -> Vector3<f64> {
+    n.cross(&(j * n))
+}
+
+/// Whether the moment about z is the largest by far, or the least: else no axis beside z holds a moment.
+fn differs(j: &Matrix3<f64>) -> bool {
+    let across = j.fixed_view::<2, 2>(0, 0).into_owned().symmetric_eigenvalues();
+    let difference = [0, 1].map(|k| j[(2, 2)] - across[k]);
+    let small = LEAST_DIFFERENCE * j[(2, 2)];
+    difference.iter().all(|d| *d > small) || difference.iter().all(|d| *d < -small)
+}
+
+/// Axis, Ω², thrusts and wrench that belong together: each turn of the axis has the thrusts whose moment about z the axis before needs.
+fn steady(
+    problem: &Problem,
+    lift: f64,
+    j: &Matrix3<f64>,
+) -> Result<Option<(Vector3<f64>, f64, Vec<f64>, [f64; WRENCH])>> {
+    let upright = (1.0 - LEAN * LEAN).sqrt();
+    let leaning = |phi: f64| Vector3::new(LEAN * phi.cos(), LEAN * phi.sin(), upright);
+    let (mut phi, mut yaw): (Option<f64>, f64) = (None, 0.0);
+    for _ in 0..TURNS {
+        let (thrusts, made) = best(problem, &BALANCE, &[0.0, 0.0, lift, 0.0, 0.0, yaw])?;
+        let moment = Vector2::new(made[3], made[4]);
+        // that of principal axes
+        let difference = [0, 1].map(|k| j[(2, 2)] - j[(k, k)]);
+        let before = phi.unwrap_or_else(|| (moment.x / difference[1]).atan2(-moment.y / difference[0]));
+        let needed = about(&leaning(before), j).xy();
+        let off = needed.perp(&moment).atan2(needed.dot(&moment));
+        let now = before + off;
+        let axis = leaning(now);
+        let needed = about(&axis, j);
+        let squared = moment.dot(&needed.xy()) / needed.xy().norm_squared();
+        if !(squared > 0.0 && squared.is_finite()) {
+            return Ok(None);
+        }
+        let settled = off.abs() < SETTLED;
+        if settled {
+            return Ok(Some((axis, squared, thrusts, made)));
+        }
+        (phi, yaw) = (Some(now), squared * needed.z);
+    }
+    Ok(None)
 }
 
 /// Thrusts and the wrench they make.

@@ -183,7 +183,7 @@ impl ErrorState {
     }
 
     /// One step of a plant about a steady flight that turns at `yaw_rate` (rad/s), sampled at its dt: the error state from itself and
-    /// all inputs, seen whole. Motors slow down: their lag is that of slowing down, and their speeds are taken 10⁻⁷ above the steady
+    /// all inputs, seen whole. Motors answer with the longer of their lags, up or down: their speeds are taken 10⁻⁷ beside the steady
     /// ones, which moves no entry by more than 3·10⁻⁷ of the largest of its row. Places and velocities of roots, and what acts on them from
     /// outside, are in axes that turn with the flight: seen so, every step is the same, R_z(−r dt) A and R_z(−r dt) B.
     ///
@@ -192,7 +192,7 @@ impl ErrorState {
     pub fn state_space(&self, plant: &Plant, state: &[f64], input: &[f64], yaw_rate: f64) -> Result<StateSpace> {
         let theta = if plant.n_parameter() > 0 { plant.parameters() } else { Vec::new() };
         let mut state = state.to_vec();
-        plant.slow_down(&mut state);
+        plant.take_longer_lags(&mut state);
         let (a, b) = self.reduce(&state, &linearise(plant, &state, input, &theta));
         let back = self.turned_back(plant, yaw_rate * plant.physics().dt);
         let (a, b) = (&back * a, back * b);

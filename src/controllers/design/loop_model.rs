@@ -130,7 +130,7 @@ impl LoopModel {
         let mut steps = Vec::with_capacity(period);
         for input in &inputs {
             let here = state.clone();
-            closed.plant().slow_down(&mut state);
+            closed.plant().take_longer_lags(&mut state);
             let step = linearise(&closed, &state, input, &theta);
             let (a, b) = whole.reduce(&state, &step);
             let tangent = whole.tangent(&state);

@@ -127,10 +127,14 @@ pub fn trim_damaged(vehicle: &Vehicle, physics: Physics, health: &[f64], target:
                 "Leave the lost rotor a share: 1:0.6 for --fail, {1: 0.6} in Python.",
             );
         }
-        (Capability::YawSacrificed, _) => {
-            let remedy = "'fly' flies it; with a share of the lost rotor (1:0.6, {1: 0.6} in Python) there may be a steady flight.";
-            return refused("enough to hold the yaw: without, it turns ever faster", remedy);
-        }
+        // what holds the yaw by less than counts for steering may hold it still
+        (Capability::YawSacrificed, _) => match trim(&plant, target) {
+            Ok(found) => found,
+            Err(_) => {
+                let remedy = "'fly' flies it; with a larger share of the lost rotor (1:0.8, {1: 0.8} in Python) there may be a steady flight.";
+                return refused("enough to hold the yaw: without, it turns faster until its drag holds it", remedy);
+            }
+        },
         (_, None) => trim(&plant, target)?,
         (_, Some(spin)) if *target == TrimTarget::hover() => trim_spin(&plant, spin, &HoverAxes::of(vehicle))?,
         (_, Some(_)) => {
