@@ -8,6 +8,7 @@
 //! | speed of blade tips | up to 340 m/s | sound; built-in vehicles have 54 to 194 |
 //! | thrust over weight | 0.2 to 40 | built-in vehicles have 1.6 to 6.3, racers 15; an overloaded vehicle still lifts a part of itself |
 //! | motor time constant | up to 1 s | the largest propellers take some tenths |
+//! | centre of mass from the base origin | up to half an arm | controllers hold the origin, which swings about the centre; built-in vehicles have up to a tenth |
 //! | mean thrust | within 60° of z | what lies on its side was not stood up |
 //!
 //! One cause is told once: inertia and rotors are looked at where mass and arms make sense.
@@ -49,6 +50,8 @@ const LIFT: [f64; 2] = [0.2, 40.0];
 const SLOWEST_MOTOR: f64 = 1.0;
 /// Cosine of 60°: between rotors that push up and ones that push to a side there are 45°.
 const LEAST_UP: f64 = 0.5;
+/// Distance of the centre of mass from the origin over the arm.
+const FARTHEST_ORIGIN: f64 = 0.5;
 /// Revolutions per minute in rad/s.
 const RPM: f64 = TAU / 60.0;
 
@@ -96,6 +99,7 @@ impl Vehicle {
         }
         found.extend(time_constants(self));
         found.extend(direction(self));
+        found.extend(arm(self).and_then(|arm| origin(self, arm)));
         found
     }
 }
@@ -113,6 +117,20 @@ fn arm(vehicle: &Vehicle) -> Option<f64> {
         _ => arm,
     };
     (arm > 0.0).then_some(arm)
+}
+
+/// The origin that is flown, against the centre that moves.
+fn origin(vehicle: &Vehicle, arm: f64) -> Option<Oddity> {
+    let away = vehicle.mass_properties().center_of_mass.norm();
+    (away > FARTHEST_ORIGIN * arm).then(|| Oddity {
+        what: "origin".into(),
+        rule: format!(
+            "{} m from the centre of mass, on arms of {} m: it is the origin that controllers hold, and it swings about the centre",
+            short(away),
+            short(arm)
+        ),
+        remedy: "Put the origin of the base near the centre of mass, not on the ground or on a stand".into(),
+    })
 }
 
 /// Mass and arm against each other.

@@ -6,13 +6,16 @@ use omnidrones::controllers::allocation::failure::{LEAST_MARGIN, damaged, hover}
 use omnidrones::controllers::allocation::{
     Allocator, AttainableWrenches, Problem, Solver, WrenchMargin, problem::balanced_weights,
 };
+use omnidrones::controllers::design::{TrimTarget, trim_damaged};
 use omnidrones::controllers::registry::controller;
 use omnidrones::controllers::{
     Assessment, AttitudeCommand, Axis, Capability, FailureTable, FaultTolerant, Flight, FlightPlan, Kinematics,
     RateCommand, Rates, Reference, RotorFailure, Setup, VelocityCommand, fly_from, fly_vehicle,
 };
+use omnidrones::dynamics::spatial::from_euler;
 use omnidrones::dynamics::{Gains, Multirotor, Physics, Plant, Vehicle, vehicles};
 use omnidrones::rng::{Purpose, Stream};
+use std::f64::consts::FRAC_PI_4;
 
 const THREE: [Axis; 3] = [Axis::Thrust, Axis::Roll, Axis::Pitch];
 
@@ -547,6 +550,34 @@ fn what_is_said_to_fly_while_it_spins_does() {
         }
     }
     assert!(n >= 4, "{n}");
+}
+
+/// A body whose moments across z are unlike has products of inertia in axes that are turned about z.
+#[test]
+fn a_spin_does_not_depend_on_the_axes_in_which_a_body_is_described() {
+    for (x, y) in [(0.0056, 0.007), (0.006, 0.008), (0.008, 0.006), (0.005, 0.009)] {
+        let mut own = vehicles::by_name("hummingbird").unwrap();
+        (own.parts[0].inertia.xx, own.parts[0].inertia.yy) = (x, y);
+        for lost in [0, 1] {
+            let health: Vec<f64> = (0..4).map(|i| f64::from(u8::from(i != lost))).collect();
+            let spin = |vehicle: &Vehicle| Assessment::of(vehicle, &health).unwrap().spin.expect("a spin");
+            let level = spin(&own);
+            for yaw in [0.1, FRAC_PI_4, 2.0] {
+                let turned = own.turned(from_euler(0.0, 0.0, yaw));
+                let off = (spin(&turned).rate / level.rate - 1.0).abs();
+                // measured: 3e-7, the accuracy of a cone program
+                assert!(off < 1e-5, "{x} {y} without {lost}, turned by {yaw}: {off:e}");
+                if yaw == FRAC_PI_4 {
+                    let (_, trim) = trim_damaged(&turned, Physics::default(), &health, &TrimTarget::hover()).unwrap();
+                    assert!(trim.residual < 1e-8, "{trim:?}");
+                    let flight = flown(&turned, &hovering(vec![RotorFailure::lost(lost, 1.0)]));
+                    let off = *flight.log.error_norm().last().unwrap();
+                    // measured: 14 mm
+                    assert!(off < 0.02, "{x} {y} without {lost}: {off} m");
+                }
+            }
+        }
+    }
 }
 
 #[test]

@@ -55,7 +55,7 @@ Files: --save writes A, B, C, D of one step with the names and units of all sign
 writes one page that needs no other file and no network: all tables, gains, Nyquist curves, poles, steps of the position, \
 loop and sensitivity.
 
-JSON: SI units, radians; infinite margins are null.
+JSON: SI units, radians; margins that are not met up to factors of 100 and delays of 128 steps are null. Motors answer with the longer of their lags, up or down.
 
 Exit codes: 0 reported, and the loop is stable; 1 it is not, or does not settle; 2 unusable input or arguments.";
 
@@ -102,6 +102,8 @@ struct Findings {
     /// Of all commands at once, where the loop is stable.
     all: Option<DiskMargin>,
     poles: Vec<Complex<f64>>,
+    /// Whether the loop would be stable if motors answered with the shorter of their lags: asked where it is not with the longer.
+    with_shorter_lags: bool,
 }
 
 /// Reports.
@@ -205,10 +207,17 @@ fn findings(
     let trim = trim(&plant, &TrimTarget { air: *air, ..TrimTarget::hover() })?;
     let linear = ErrorState::of_plant(&plant)?.state_space(&plant, &trim.state, &trim.input, trim.yaw_rate)?;
     let hover = Reference::Hover(Hover { position: [0.0; 3], yaw: 0.0 });
-    let closed = ClosedLoop::of_vehicle(vehicle, physics, gains, rates)?.with_latency(latency)?;
-    let model = LoopModel::new(closed, Target::level(&hover), air, &trim.state)?;
+    let model_of = |vehicle: &Vehicle| {
+        let closed = ClosedLoop::of_vehicle(vehicle, physics, gains, rates)?.with_latency(latency)?;
+        LoopModel::new(closed, Target::level(&hover), air, &trim.state)
+    };
+    let model = model_of(vehicle)?;
     let poles = model.poles()?;
     let stability = model.stability()?;
+    let with_shorter_lags = match (stability.is_stable(), shorter_lags(vehicle)) {
+        (false, Some(quicker)) => model_of(&quicker).and_then(|model| model.stability()).is_ok_and(|s| s.is_stable()),
+        _ => false,
+    };
     // a loop that is not stable has no margins to list
     let stable = stability.is_stable();
     let rows = if stable { margins(&model, quiet)? } else { Vec::new() };
@@ -222,7 +231,18 @@ fn findings(
         trim,
         model,
         rows,
+        with_shorter_lags,
     })
+}
+
+/// The vehicle whose motors have the shorter of their lags both ways; none where they have but one.
+fn shorter_lags(vehicle: &Vehicle) -> Option<Vehicle> {
+    let mut quicker = vehicle.clone();
+    for rotor in &mut quicker.rotors {
+        let lag = rotor.time_constant_up.min(rotor.time_constant_down);
+        (rotor.time_constant_up, rotor.time_constant_down) = (lag, lag);
+    }
+    (quicker != *vehicle).then_some(quicker)
 }
 
 /// What the loop bears at every command and at the first dozen of measurements.
@@ -252,6 +272,9 @@ fn tell(page: &mut Page, gains: &str, a: &Arguments, found: &Findings, stable: b
         page.line(format!("  Searched up to factors of 100 and delays of {} steps.", LoopModel::MOST_DELAY));
     } else {
         page.line(failed(&found.stability));
+        if found.with_shorter_lags {
+            page.line(SWITCHING);
+        }
     }
 }
 
@@ -270,6 +293,10 @@ fn trim_facts(a: &Arguments, found: &Findings) -> Vec<Fact> {
         Fact::new("at a limit", trim.limited.len().to_string()),
     ]
 }
+
+/// Of a loop that is stable with the one lag and not with the other.
+const SWITCHING: &str = "That is with the longer of the motors' lags, up or down; with the shorter it is stable. A flight switches between \
+the two and may settle: 'fly' tells, from a start beside hover.";
 
 /// Why there are no margins.
 fn failed(stability: &Stability) -> String {
@@ -414,7 +441,7 @@ fn as_json(vehicle: &Vehicle, gains: &str, found: &Findings, stable: bool, writt
         })
     }).collect();
     json!({
-        "command": "design", "vehicle": vehicle.name, "gains": gains, "stable": stable, "stability": found.stability, "dt": found.model.dt, "period": found.model.period(),
+        "command": "design", "vehicle": vehicle.name, "gains": gains, "stable": stable, "stability": found.stability, "stable_with_shorter_lags": stable || found.with_shorter_lags, "dt": found.model.dt, "period": found.model.period(),
         "trim": { "state": found.trim.state, "input": found.trim.input, "residual": found.trim.residual, "limited": found.trim.limited },
         "modes": found.modes.iter().map(mode_json(&found.plant)).collect::<Vec<_>>(),
         "reached": found.hidden.reached, "out_of_reach": found.hidden.names(found.plant.states()),

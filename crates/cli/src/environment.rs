@@ -189,7 +189,7 @@ impl EnvArguments {
             if is_file(named) {
                 let source = source::to_use(Some(named), &VehicleArguments { rotors: None, package: Vec::new() })?;
                 for verdict in source::verdicts(&source.vehicle) {
-                    eprintln!("warning: no controller of ours flies it: {}", shown(&verdict));
+                    eprintln!("warning: {}", shown(&verdict));
                 }
                 let own = Value::try_from(&source.vehicle).map_err(unwritable)?;
                 option("--vehicle", "env.own_vehicle", own);

@@ -15,6 +15,9 @@ const DEFAULT_URDF: (&str, &str) = ("assets/urdf/plain_x.urdf", include_str!("..
 const DEFAULT_ROTORS: (&str, &str) =
     ("assets/urdf/plain_x.rotors.toml", include_str!("../../../assets/urdf/plain_x.rotors.toml"));
 
+/// Share of its largest thrust that a rotor should keep to either limit in hover.
+const LEAST_RESERVE: f64 = 0.01;
+
 /// A vehicle and its story.
 pub struct Source {
     /// The vehicle; valid.
@@ -93,7 +96,19 @@ pub fn to_use(named: Option<&str>, arguments: &VehicleArguments) -> Result<Sourc
 pub fn verdicts(vehicle: &Vehicle) -> Vec<String> {
     let hovers = vehicle.check_steerable().and_then(|()| vehicle.hover());
     let flown = hovers.and_then(|_| CascadeModel::<f64, MAX_ROTORS>::new(vehicle, &vehicle.gains()));
-    flown.err().iter().map(ToString::to_string).collect()
+    let refused = flown.err().map(|error| error.to_string());
+    refused.or_else(|| on_the_edge(vehicle)).into_iter().collect()
+}
+
+/// A hover with a rotor at its limit: nothing is left to steer with.
+fn on_the_edge(vehicle: &Vehicle) -> Option<String> {
+    let hover = vehicle.hover().ok()?;
+    let edge = hover.reserve < LEAST_RESERVE;
+    edge.then(|| {
+        let name = &vehicle.rotors[hover.tightest].name;
+        let reserve = 100.0 * hover.reserve;
+        format!("hover: rotor '{name}' keeps {reserve:.2} % of its thrust to its limit, so that little is left to steer with. Move the centre of mass, or change what the rotors do")
+    })
 }
 
 /// Import options from the arguments; `--rotors` is there.

@@ -77,13 +77,16 @@ struct Step {
 impl LoopModel {
     /// Most steps of delay that [`margins`](Self::margins) tries, a power of two.
     pub const MOST_DELAY: usize = 128;
+    /// Most steps of a period of all rates: margins of all commands together are of matrices that grow with it.
+    pub const MOST_PERIOD: usize = 128;
 
     /// The model of a loop that holds a target that stands still, in steady air, from a state of the plant near that flight: the
-    /// loop is flown until it is steady, then one period of all its rates is linearised by duals. Motors slow down: their lag is
-    /// the longer one.
+    /// loop is flown until it is steady, then one period of all its rates is linearised by duals. Motors answer with the longer of
+    /// their lags, up or down.
     ///
     /// # Errors
-    /// [`Error::Value`] if it does not become steady.
+    /// [`Error::Value`] if it does not become steady, [`Error::Limit`] for rates that come round after more than
+    /// [`MOST_PERIOD`](Self::MOST_PERIOD) steps.
     pub fn new<L: ControlLaw>(
         closed: ClosedLoop<Running<L>>,
         target: Target<'_>,
@@ -104,6 +107,11 @@ impl LoopModel {
         };
         let inputs = one_period(&input_at, dt)?;
         let period = inputs.len();
+        if period > Self::MOST_PERIOD {
+            let remedy = "Raise the slowest rate, or let rates be whole parts of one another.";
+            let most = format!("{} steps", Self::MOST_PERIOD);
+            return Err(Error::limit("loop model: steps until all rates come round", period, most, remedy));
+        }
 
         let (mut x, mut next) = (closed.initial_state(start), vec![0.0; n]);
         let mut k = 0;
