@@ -249,3 +249,17 @@ fn the_model_of_a_turn_says_where_disturbed_flights_go() {
         assert!(off < 1e-6, "{} rad/s: {off:e}", found.yaw_rate);
     }
 }
+
+#[test]
+fn a_body_of_hardly_any_inertia_is_as_steady_as_its_numbers_can_be() {
+    for factor in [1.0, 1e-3, 1e-6, 1e-9] {
+        let mut vehicle = vehicles::by_name("hummingbird").unwrap();
+        for part in &mut vehicle.parts {
+            let i = &mut part.inertia;
+            [&mut i.xx, &mut i.yy, &mut i.zz].into_iter().for_each(|j| *j *= factor);
+        }
+        let plant = Plant::of_vehicle(&vehicle, Physics::default()).unwrap();
+        let found = trim(&plant, &TrimTarget::hover()).unwrap();
+        assert!(found.residual < 1e-8 / factor.min(1e-2), "{factor:e}: {found:?}");
+    }
+}

@@ -24,6 +24,9 @@ use nalgebra::{DMatrix, DVector};
 
 /// Rates of change that count as none: m/s², rad/s², rad/s, shares of a rotor's speed per second.
 pub const STEADY: f64 = 1e-8;
+/// And this share of what a whole command or a unit of the state changes them by: their rounding, which is more where hardly any
+/// inertia is moved.
+const ROUNDED: f64 = 1e-13;
 /// Most Gauss–Newton steps.
 const MOST: usize = 200;
 /// Most sweeps for one step's singular values: some two are needed for each.
@@ -363,17 +366,22 @@ impl<'a> Search<'a> {
 
     fn finished(&self, now: Point, left: &DVector<f64>) -> Result<Trim> {
         let residual = left.amax();
+        let slope = self.residual(&now).1;
+        let rounded = |i: usize| STEADY.max(ROUNDED * slope.row(i).amax());
+        let steady = (0..left.len()).all(|i| left[i].abs() <= rounded(i));
         let limited = self.commands.iter().copied().filter(|k| now.input[*k].abs() >= 1.0).collect();
-        if residual <= STEADY {
+        if steady {
             let yaw_rate = self.target.yaw_rate;
             return Ok(Trim { state: now.state, input: now.input, yaw_rate, residual, limited });
         }
-        let worst = left.iamax();
+        let worst =
+            (0..left.len()).max_by(|a, b| (left[*a].abs() / rounded(*a)).total_cmp(&(left[*b].abs() / rounded(*b))));
+        let worst = worst.unwrap_or(0);
         let names = self.plant.state_quantities();
         let what =
             self.still.get(worst).and_then(|(error, _)| (0..names.len()).find(|k| self.errors.place(*k) == *error));
         let name = what.map_or("the attitude", |k| names[k].name.as_str());
-        let value = format!("changing by {:.3} per second at best", left[worst].abs());
+        let value = format!("changing by {:.2e} per second at best", left[worst].abs());
         let remedy = "Ask for what the vehicle has the thrust and the freedom for: a slower flight, a slower turn, or less tilt.";
         Err(Error::value(format!("trim of {}: {name}", self.plant.name()), value, "steady", remedy))
     }
