@@ -135,7 +135,10 @@ pub fn run(a: &Arguments) -> Result<Report> {
         let remedy = format!("It counts steps of dt, here {} ms, not milliseconds.", short(1e3 * physics.dt, 3));
         return Err(Error::limit("--latency", a.latency, most, &remedy));
     }
-    let found = findings(&source.vehicle, physics, (&gains, &rates), a.latency, &air, a.output.json)?;
+    let found = match findings(&source.vehicle, physics, (&gains, &rates), a.latency, &air, a.output.json) {
+        Err(error) if does_not_settle(&error) => return Ok(unsettled(&source, &gains_name, &error, a.output.json)),
+        found => found?,
+    };
     let stable = found.stability.is_stable();
     let plants = a.plants.judge(&source.vehicle, &gains, (&physics, &rates), (a.latency, &air))?;
     if let Some((file, as_json)) = save {
@@ -162,6 +165,24 @@ pub fn run(a: &Arguments) -> Result<Report> {
         }
     }
     Ok(Report { text: page.finish(), success: stable })
+}
+
+/// Whether a loop never came to rest, so that there is nothing to linearise.
+fn does_not_settle(error: &Error) -> bool {
+    matches!(error, Error::Value { what, limit, .. } if what.starts_with("loop of") && limit == "steady")
+}
+
+fn unsettled(source: &Source, gains: &str, error: &Error, as_json: bool) -> Report {
+    if as_json {
+        let value = json!({
+            "command": "design", "vehicle": source.vehicle.name, "gains": gains, "stable": false, "error": error.to_string(),
+        });
+        return Report::json(&value, false);
+    }
+    let mut page = Page::new();
+    page.title(&source.vehicle.name, &source.origin);
+    page.line(format!("\nFAILED: {error}"));
+    Report { text: page.finish(), success: false }
 }
 
 /// Refuses a report that cannot be written, before any work.

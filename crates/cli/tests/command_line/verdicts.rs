@@ -178,3 +178,37 @@ fn two_hundred_random_vehicles_are_flown_or_refused_alike_by_every_command() {
     println!("{flown} flown, {refused} refused");
     assert!(flown > 50 && refused > 20, "{flown} flown, {refused} refused");
 }
+
+#[test]
+fn a_loop_that_never_comes_to_rest_fails_and_rates_that_hardly_come_round_are_refused() {
+    let folder = temporary();
+    let huge = "[1e300, 1e300, 1e300]";
+    let gains = format!("position = {huge}\nvelocity = {huge}\nattitude = {huge}\nrate = {huge}\n");
+    std::fs::write(folder.path().join("huge.toml"), gains).expect("written");
+    let (page, _) = exits(1, folder.path(), &["design", "hummingbird", "--gains", "huge.toml"]);
+    assert!(page.contains("FAILED") && page.contains("steady"), "{page}");
+    let (page, _) = exits(1, folder.path(), &["design", "hummingbird", "--gains", "huge.toml", "--json"]);
+    assert!(page.contains("\"stable\":false") || page.contains("\"stable\": false"), "{page}");
+    let (_, error) = exits(2, folder.path(), &["design", "hummingbird", "--rates", "500,250,2"]);
+    assert!(error.contains("250") && error.contains("128"), "{error}");
+}
+
+/// A motor that speeds up more slowly than it slows down: by 18 late steps the vehicle falls, by none it flies.
+#[test]
+fn design_judges_motors_by_the_longer_of_their_lags() {
+    let folder = temporary();
+    let lagging = |up: f64, down: f64| {
+        let name = format!("up_{}_down_{}", 1e3 * up, 1e3 * down);
+        let lags = |v: &mut Vehicle| {
+            v.rotors.iter_mut().for_each(|r| (r.time_constant_up, r.time_constant_down) = (up, down));
+        };
+        written(folder.path(), &changed(&name, lags))
+    };
+    let published = ["design", "--gains", "published"];
+    let (page, _) =
+        exits(1, folder.path(), &[&of(&published, &lagging(0.05, 0.025))[..], &["--latency", "18"]].concat());
+    assert!(page.contains("longer of the motors' lags"), "{page}");
+    let (page, _) = exits(1, folder.path(), &of(&published, &lagging(0.01, 0.15)));
+    assert!(page.contains("with the shorter it is stable"), "{page}");
+    exits(0, folder.path(), &of(&published, &lagging(0.0125, 0.025)));
+}
