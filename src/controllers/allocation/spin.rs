@@ -67,7 +67,7 @@ impl Spin {
         if !differs(j) {
             return Ok(None);
         }
-        let Some((axis, squared, thrusts, made)) = steady(problem, lift, j)? else { return Ok(None) };
+        let Some(Turn { axis, squared, thrusts, made }) = steady(problem, lift, j)? else { return Ok(None) };
         let room = WrenchMargin::within(problem, three, &[0.0, 0.0, made[2], made[3], made[4], 0.0])?;
         let needed = squared * about(&axis, j).z;
         let balanced = (made[2] - lift).abs() < least && (made[5] - needed).abs() < 0.1 * started[5].abs();
@@ -84,12 +84,10 @@ fn about(n: &Vector3<f64>, j: &Matrix3<f64>) -> Vector3<f64> {
     n.cross(&(j * n))
 }
 
-/// Whether the moment about z is the largest by far, or the least: else no axis beside z holds a moment.
+/// Whether the moment about z differs from those across: else no axis beside z holds a moment.
 fn differs(j: &Matrix3<f64>) -> bool {
     let across = j.fixed_view::<2, 2>(0, 0).into_owned().symmetric_eigenvalues();
-    let difference = [0, 1].map(|k| j[(2, 2)] - across[k]);
-    let small = LEAST_DIFFERENCE * j[(2, 2)];
-    difference.iter().all(|d| *d > small) || difference.iter().all(|d| *d < -small)
+    across.iter().all(|moment| (j[(2, 2)] - moment).abs() > LEAST_DIFFERENCE * j[(2, 2)])
 }
 
 /// Whether axes along the lean of n, across it and z are principal ones, nearly.
@@ -100,12 +98,20 @@ fn is_principal(n: &Vector3<f64>, j: &Matrix3<f64>) -> bool {
     products.iter().all(|product| product.abs() < LEAST_DIFFERENCE * j[(2, 2)])
 }
 
-/// Axis, Ω², thrusts and wrench that belong together: each turn of the axis has the thrusts whose moment about z the axis before needs.
-fn steady(
-    problem: &Problem,
-    lift: f64,
-    j: &Matrix3<f64>,
-) -> Result<Option<(Vector3<f64>, f64, Vec<f64>, [f64; WRENCH])>> {
+/// A turn that goes on as it is.
+struct Turn {
+    /// n.
+    axis: Vector3<f64>,
+    /// Ω², rad²/s².
+    squared: f64,
+    /// Of each rotor, N.
+    thrusts: Vec<f64>,
+    /// What they make.
+    made: [f64; WRENCH],
+}
+
+/// Axis, rate and thrusts that belong together: each turn of the axis has the thrusts whose moment about z the axis before needs.
+fn steady(problem: &Problem, lift: f64, j: &Matrix3<f64>) -> Result<Option<Turn>> {
     let upright = (1.0 - LEAN * LEAN).sqrt();
     let moments = j.fixed_view::<2, 2>(0, 0);
     let Some(inverse) = (Matrix2::from_diagonal_element(j[(2, 2)]) - moments).try_inverse() else { return Ok(None) };
@@ -126,7 +132,7 @@ fn steady(
         let axis = Vector3::new(LEAN * scaled.x / squared, LEAN * scaled.y / squared, upright);
         yaw = squared * about(&axis, j).z;
         if (scaled - before).norm() < SETTLED * squared {
-            return Ok(Some((axis, squared, thrusts, made)));
+            return Ok(Some(Turn { axis, squared, thrusts, made }));
         }
     }
     Ok(None)
