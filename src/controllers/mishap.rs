@@ -1,8 +1,8 @@
 //! What befell a flight, however small its errors are: it came below the ground, or what it carries turned over.
 //!
 //! **Ground.** Most flights are simulated in free air, so that nothing stops them at the ground: it is judged afterwards. The
-//! height h of a flight is that of its lowest point (shapes and rotor discs of all bodies) above the ground: z = 0, or what
-//! the model says, with hills above them; a model without a ground has none. h_r is the height at which the same body would
+//! height h of a flight is that of its lowest point (shapes and rotor discs of all bodies; their origins where there are neither)
+//! above the ground: z = 0, or what the model says, with hills above them; a model without a ground has none. h_r is the height at which the same body would
 //! be on its reference, level: the start's own, raised as the reference is. A flight fails where h < min(0, h_r) − [`GRAZE`].
 //! So a reference that brings a vehicle as low as it stands, or begins there, is flown with its feet on the ground, wherever
 //! its origin is. Where contact is simulated the ground stops what falls on it, so that any touch counts unless the reference
@@ -13,15 +13,14 @@
 //! **Turned over** is a load, a body without rotors that carries the others or hangs last, that was upright at first and then leans by more than a right angle from
 //! upright, or from the roll and pitch that were asked of it: it hangs above what carries it, and nothing stays on it.
 
+pub use super::extent::{lowest_point, nearest_still};
+
+use super::extent::over;
 use super::flight::Flight;
-use super::start::clearance;
 use crate::dynamics::configurations::environment::vehicle_in;
 use crate::dynamics::scene::Scene;
-use crate::dynamics::shape::Geometry;
-use crate::dynamics::spatial::{
-    add, cross, dot, from_euler, from_matrix, mat_vec, matrix, multiply, transpose, up_axis,
-};
-use crate::dynamics::tree::{Model, Multibody, Pose, body_poses};
+use crate::dynamics::spatial::{dot, from_euler, mat_vec, up_axis};
+use crate::dynamics::tree::{Multibody, body_poses};
 use crate::dynamics::{Effects, Physics, Plant};
 use crate::error::Result;
 use serde::Serialize;
@@ -136,9 +135,10 @@ fn bodies_of(plant: &Plant) -> Result<Multibody> {
 /// Of the lowest point above the ground, m.
 fn height(bodies: &Multibody, state: &[f64]) -> f64 {
     let contact = &bodies.model().parts().contact;
+    let level = contact.ground.unwrap_or(0.0);
     match &contact.relief {
-        Some(_) => clearance(bodies, state).unwrap_or(f64::INFINITY),
-        None => lowest_point(bodies, state) - contact.ground.unwrap_or(0.0),
+        Some(relief) => over(bodies, state, level, relief),
+        None => lowest_point(bodies, state) - level,
     }
 }
 
@@ -193,43 +193,4 @@ fn turned_over(bodies: &Multibody, flight: &Flight) -> Vec<Mishap> {
         Some(Mishap::TurnedOver { body: model.bodies()[*i].name.clone(), angle, time: flight.log.time[first] })
     });
     told.collect()
-}
-
-/// Height of the lowest point of shapes and rotors, m; of the lowest body's origin where there are none.
-pub fn lowest_point(bodies: &Multibody, state: &[f64]) -> f64 {
-    let (model, poses) = (bodies.model(), body_poses(bodies, state));
-    let least = of_shapes(model, &poses).min(of_rotors(model, &poses));
-    if least.is_finite() { least } else { poses.iter().map(|p| p.position[2]).fold(f64::INFINITY, f64::min) }
-}
-
-fn of_shapes(model: &Model, poses: &[Pose<f64>]) -> f64 {
-    let own = model.shapes().iter().filter_map(|s| {
-        let carrier = &poses[s.body?];
-        let turn = transpose(matrix(multiply(from_matrix(carrier.rotation), s.shape.rotation)));
-        Some(on(carrier, s.shape.position)[2] - below(&s.shape.geometry, turn))
-    });
-    own.fold(f64::INFINITY, f64::min)
-}
-
-fn of_rotors(model: &Model, poses: &[Pose<f64>]) -> f64 {
-    let own = model.rotors().iter().map(|rotor| {
-        let pose = &poses[rotor.body];
-        let axis = mat_vec(pose.rotation, rotor.rotor.axis);
-        let flat = cross(axis, [0.0, 0.0, 1.0]);
-        on(pose, rotor.rotor.position)[2] - rotor.rotor.radius * dot(flat, flat).sqrt()
-    });
-    own.fold(f64::INFINITY, f64::min)
-}
-
-/// How far a geometry with axes `turn` reaches below its centre, m.
-fn below(geometry: &Geometry, turn: [[f64; 3]; 3]) -> f64 {
-    match *geometry {
-        Geometry::Sphere { radius } => radius,
-        Geometry::Capsule { radius, length } => radius + 0.5 * length * turn[2][2].abs(),
-        Geometry::Box { size } => (0..3).map(|k| 0.5 * size[k] * turn[k][2].abs()).sum(),
-    }
-}
-
-fn on(pose: &Pose<f64>, point: [f64; 3]) -> [f64; 3] {
-    add(pose.position, mat_vec(pose.rotation, point))
 }

@@ -41,6 +41,7 @@
 //! | `gimballed` | a drone on a cardan joint that pushes its carrier with a wanted force |
 //! | [`platform`] | a frame under such drones, steered in six axes |
 //! | [`transport`] | a load under drones on bars, its own pose tracked |
+//! | `extent` | what counts of what flies for the ground and for obstacles: shapes and rotor discs |
 //! | [`mishap`] | what fails a flight however small its errors are: the ground, a load that turned over |
 //! | [`design`] | Riccati equations, optimal feedback, tuning |
 //!
@@ -63,6 +64,7 @@ pub mod closed_loop;
 pub mod confidence;
 pub mod controller;
 pub mod design;
+pub(crate) mod extent;
 pub mod fault_tolerant;
 pub mod flight;
 pub mod formation;

@@ -146,6 +146,7 @@ impl Ready {
             commands,
             trajectories,
             unflown,
+            lean: self.env.robot().hover_lean(),
             plan: None,
             refined: None,
             wall_time,

@@ -123,7 +123,7 @@ impl Story {
     /// What the rotors that are left can hold, in words.
     pub fn left(&self) -> String {
         let left = self.stages.last().map_or("", |(_, a)| a.capability.name());
-        format!("{left} with what is left")
+        format!("the rotors that are left: {left}")
     }
 
     /// The section of a page.
@@ -205,7 +205,8 @@ fn explanation(left: &Assessment) -> String {
         ),
         Capability::Spinning => left.spin.as_ref().map_or_else(String::new, |spin| {
             format!(
-                "it spins at {} rad/s (reckoned without drag) about an axis {}° from its thrust, and flies on as it does",
+                "the rotors that are left could carry it while it spins, at {} rad/s (reckoned without drag) about an axis {}° \
+                 from its thrust",
                 number((spin.rate / spin.axis[2]).abs(), 1),
                 number(spin.axis[2].acos().to_degrees(), 0)
             )

@@ -2,6 +2,7 @@
 
 mod around;
 mod beside;
+mod degrees;
 mod derivatives;
 mod drop;
 mod flown;
@@ -479,7 +480,8 @@ fn alone(effects: &Effects) -> Result<()> {
 }
 
 fn flown(a: &Arguments, flyer: Flyer) -> Result<Report> {
-    let Flyer { plant, mut controller, plan, what, around, warnings } = flyer;
+    let Flyer { plant, mut controller, plan, what, around, mut warnings } = flyer;
+    warnings.extend(degrees::hint(&plan.reference));
     let earlier = a.beside.as_deref().map(Beside::read).transpose()?;
     let folder = folder(a, plant.name())?;
     let bar = progress::bar(plan.n_step()?, "flying", a.output.json);

@@ -172,12 +172,18 @@ fn page(a: &Arguments, imported: &Imported, written: &[PathBuf]) -> String {
         }
     }
     page.line("");
-    if imported.drafted {
-        page.line(format!("Correct the draft where you know better, then: {}", fly(a, imported)));
-    } else {
-        page.line(format!("Fly it: {}", fly(a, imported)));
-    }
+    page.line(last(imported, &fly(a, imported)));
     page.finish()
+}
+
+/// What to do with it now: `fly` it, or first mend what keeps it from that.
+fn last(imported: &Imported, fly: &str) -> String {
+    match (source::verdicts(&imported.import.vehicle).first(), imported.drafted) {
+        (None, true) => format!("Correct the draft where you know better, then: {fly}"),
+        (None, false) => format!("Fly it: {fly}"),
+        (Some(reason), true) => format!("It does not fly yet: {reason}\nCorrect the draft, then: {fly}"),
+        (Some(reason), false) => format!("It does not fly yet: {reason}\nMend that, then: {fly}"),
+    }
 }
 
 fn gains(vehicle: &Vehicle) -> (&'static str, omnidrones::dynamics::Gains) {

@@ -9,7 +9,7 @@
 //! | `rollout_all.rs` | `rollout --all`: every task, one line each |
 //! | `rollout_files.rs` | plots and CSV of `rollout` |
 //! | `train_plot.rs`, `train_all_plot.rs` | the learning curves of `train` and `train-all` |
-//! | `fly/` | derivatives of what was flown; an earlier flight beside it; drops |
+//! | `fly/` | derivatives of what was flown; an earlier flight beside it; drops; verdicts; yaw meant in degrees |
 //! | `design/` | the figures of `design`, its report |
 //! | `report/` | `report` of single runs, and of folders of several |
 //! | `rows.rs` | rows of tables of runs, kept in files: what `train-all` and `study` train |

@@ -7,7 +7,7 @@ use super::replay::{SHOWN, Seen};
 use super::rollout_files::{self as out, LINES, percent, share_of};
 use super::table::{Align, Table};
 use super::trajectories::Trajectories;
-use super::{Report, files, progress, rollout_all};
+use super::{Report, files, progress, rollout_all, tasks};
 use clap::ValueEnum;
 use omnidrones::error::{Error, Result};
 use omnidrones::parallel::Threads;
@@ -245,6 +245,8 @@ pub struct Flown {
     pub(super) plan: Option<PlannerConfig>,
     /// What more the episodes held, where that was asked for.
     pub(super) refined: Option<Refined>,
+    /// By how much the vehicle leans in hover, rad.
+    pub(super) lean: f64,
     pub(super) wall_time: f64,
 }
 
@@ -408,7 +410,19 @@ impl Ready {
             format!("{} of the episodes could not be flown, the first because: {first}", failures.len())
         });
         let wall_time = start.elapsed().as_secs_f64();
-        Ok(Flown { record, controller, evaluation, commands, trajectories, unflown, plan, refined: None, wall_time })
+        let lean = self.env.robot().hover_lean();
+        Ok(Flown {
+            record,
+            controller,
+            evaluation,
+            commands,
+            trajectories,
+            unflown,
+            plan,
+            refined: None,
+            lean,
+            wall_time,
+        })
     }
 }
 
@@ -586,6 +600,7 @@ impl Flown {
                 .note(format!("{} k steps per second, the controller included", short(1e-3 * rate, 3))),
         ];
         facts.splice(2..2, reached);
+        facts.extend(tasks::lean(self.lean, spec));
         facts
     }
 

@@ -253,15 +253,7 @@ impl Described {
             Fact::new("motors and drag", format!("lag {} ms, fades at {DAMPING} 1/s", 1e3 * MOTOR_TIME_CONSTANT))
                 .note("the benchmark's; mass, inertia and rotors are the vehicle's own"),
         );
-        let lean = self.env.robot().hover_lean();
-        if lean > 0.0 {
-            let most = 0.25 * (1.0 + lean.cos()).powi(2);
-            let note = format!(
-                "in hover, where episodes start: what is rewarded for body z upright is {} of its most",
-                short(most, 4)
-            );
-            facts.push(Fact::new("leans", format!("{} °", short(lean.to_degrees(), 3))).note(note));
-        }
+        facts.extend(lean(self.env.robot().hover_lean(), spec));
         if spec.n_central > 0 {
             facts.push(Fact::new("central state", format!("{} numbers", spec.n_central)));
         }
@@ -446,6 +438,27 @@ fn quantities() -> Vec<Fact> {
         Fact::new(environment::quantity_name(what), how(*action)).note(*meaning)
     };
     QUANTITIES.iter().map(fact).collect()
+}
+
+/// By how much a vehicle leans in hover, and what that costs: reward, and success where it asks for more uprightness.
+pub fn lean(lean: f64, spec: &Spec) -> Option<Fact> {
+    if lean <= 0.0 {
+        return None;
+    }
+    let up = lean.cos();
+    let mut note = format!(
+        "in hover, where episodes start: what is rewarded for body z upright is {} of its most",
+        short(0.25 * (1.0 + up).powi(2), 4)
+    );
+    if let Some(limit) = spec.success.limits.iter().find(|l| l.metric == "uprightness" && !l.holds(up)) {
+        note += &format!(
+            "; a success asks for an uprightness above {}, and hover has {}: none is in reach at rest. Lower success.alignment, \
+             or change the vehicle",
+            short(limit.above, 4),
+            short(up, 4)
+        );
+    }
+    Some(Fact::new("leans", format!("{} °", short(lean.to_degrees(), 3))).note(note))
 }
 
 fn action(space: &Space) -> String {

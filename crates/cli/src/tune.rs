@@ -38,8 +38,8 @@ Examples:
 Files in --out: gains.toml where they are better, else one of before stays (fly with them: omnidrones fly VEHICLE --gains out/VEHICLE/gains.toml), and tune.png or \
 tune.svg: the descent, and one flight before and after.
 
-JSON: SI units; \"before\" and \"after\" are held-out flights: mean and worst RMSE (the start included), and crashes \
-(diverged, or more than 5 m off).
+JSON: SI units; \"before\" and \"after\" are held-out flights: mean and worst RMSE (the start included; null where all were lost), and \"crashed\": how many were lost \
+(diverged, or more than 5 m off; these flights know no ground).
 
 The gate of --margins: the loop that flies, at hover and forward at 5 and 10 m/s, with mass, inertia and motor lag as believed and \
 at both ends of ±30 %, keeps a disk margin of all commands at once (Seiler, Packard and Gahinet 2020) of at least --disk. Whether it bears 50 ms of \
@@ -49,7 +49,7 @@ latency at hover is told, too.
 as on a chessboard, that the vehicle can fly, which is where its steady turn leaves every rotor a fifth of its thrust. The other half is judged alone, cell by cell. \
 --randomise draws mass, inertia and motor lag of every flight's plant; held-out flights have plants of their own.
 
-Exit codes: 0 better on the held-out starts and cells, no crash, and through the gate of --margins; 1 not so; 2 unusable input or arguments.";
+Exit codes: 0 better on the held-out starts and cells, none lost, and through the gate of --margins; 1 not so; 2 unusable input or arguments.";
 
 /// Arguments of `tune`.
 #[derive(Debug, clap::Args)]
@@ -203,7 +203,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
         page.line(format!("Fly with them: omnidrones fly {} --gains {gains}", a.vehicle));
     } else {
         page.line(if passes {
-            "FAILED: not better on all that was held out, or not without a crash; no gains.toml is written, and one of before is left. Try more --starts, or a smaller --learning-rate"
+            "FAILED: not better on all that was held out, or not without a loss; no gains.toml is written, and one of before is left. Try more --starts, or a smaller --learning-rate"
         } else {
             "FAILED: no gains on the way bear what --margins asks for, so those it started from are kept; no gains.toml is written, and one of before is left. Try a smaller --disk"
         });
@@ -298,15 +298,20 @@ const CONFIDENCE: f64 = 0.95;
 /// By how much the error fell, in words where one of them is of no flight that was kept.
 fn gained(before: &Evaluation, after: &Evaluation) -> String {
     let share = 1.0 - after.rmse / before.rmse;
-    if share.is_finite() { format!("{:.1} %", 100.0 * share) } else { "by no number (all crashed)".into() }
+    if share.is_finite() { format!("{:.1} %", 100.0 * share) } else { "by no number (all lost)".into() }
 }
 
 fn facts(plan: &TunePlan, tuning: &Tuning, wall_time: f64) -> Vec<Fact> {
     let judged = |e: &Evaluation| {
-        let count = if e.crashed == 0 { "no crash".to_string() } else { format!("{} crashed", e.crashed) };
         let [low, high] = Share::counted(e.crashed, e.n, CONFIDENCE).bounds.map(|share| short(100.0 * share, 2));
-        let crashes = format!("{count} in {} ({low} to {high} % with {} % confidence)", e.n, 100.0 * CONFIDENCE);
-        (length(e.rmse), format!("worst {}, {crashes}", length(e.worst)))
+        let share = format!("{low} to {high} % with {} % confidence", 100.0 * CONFIDENCE);
+        // a flight that was lost has no error to tell
+        let note = match e.crashed {
+            0 => format!("worst {}, none of {} lost ({share})", length(e.worst), e.n),
+            all if all == e.n => format!("all {} lost ({share})", e.n),
+            lost => format!("worst {} of those kept, {lost} of {} lost ({share})", length(e.worst), e.n),
+        };
+        (length(e.rmse), note)
     };
     let ((before, before_note), (after, after_note)) = (judged(&tuning.before), judged(&tuning.after));
     let (elsewhere, elsewhere_after) = (judged(&tuning.elsewhere_before), judged(&tuning.elsewhere_after));
@@ -450,7 +455,7 @@ fn figure(name: &str, tuning: &Tuning, gains: &Gains, before: &Flight, after: &F
     let (b, a) = (&tuning.before, &tuning.after);
     Figure::new(format!("{name}: gains tuned by gradients through closed-loop flights"))
         .subtitle(format!(
-            "RMSE on {} held-out starts: {} before, {} tuned ({} lower)   ·   worst {} before, {} tuned   ·   crashes {} before, {} tuned",
+            "RMSE on {} held-out starts: {} before, {} tuned ({} lower)   ·   worst {} before, {} tuned   ·   lost {} before, {} tuned",
             a.n,
             length(b.rmse),
             length(a.rmse),

@@ -42,7 +42,7 @@ pub fn table(cells: &[GridCell], tuning: &Tuning) -> Table {
         ("RMSE before", Align::Right),
         ("after", Align::Right),
         ("less", Align::Right),
-        ("crashed", Align::Right),
+        ("lost", Align::Right),
     ]);
     for cell in cells {
         let thrust = cell.thrust.map_or("none".into(), |share| format!("{:.0} %", 100.0 * share));
@@ -66,7 +66,7 @@ pub fn table(cells: &[GridCell], tuning: &Tuning) -> Table {
     table
 }
 
-/// By how much an error fell; nothing to say where all flights of one side crashed.
+/// By how much an error fell; nothing to say where all flights of one side were lost.
 fn gained(before: f64, after: f64) -> String {
     if before.is_finite() && after.is_finite() {
         format!("{:.0} %", 100.0 * (1.0 - after / before))

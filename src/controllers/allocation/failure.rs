@@ -115,7 +115,7 @@ impl Capability {
         match self {
             Self::Full => "full control",
             Self::YawSacrificed => "yaw sacrificed",
-            Self::Spinning => "flies while it spins",
+            Self::Spinning => "could fly while it spins",
             Self::None => "cannot hover",
         }
     }

@@ -21,7 +21,7 @@ use serde::Serialize;
 pub struct Evaluation {
     /// Mean over the flights of their RMSE, the start included, m; over those that did not crash, infinite where all did.
     pub rmse: f64,
-    /// Largest of them.
+    /// Largest of them; infinite where all crashed.
     pub worst: f64,
     /// Flights that diverged or left the reference by more than [`CRASH_DISTANCE`].
     pub crashed: usize,
@@ -38,7 +38,7 @@ impl Evaluation {
         let flown: Vec<f64> = errors.iter().flatten().copied().collect();
         Self {
             rmse: if flown.is_empty() { f64::INFINITY } else { flown.iter().sum::<f64>() / flown.len() as f64 },
-            worst: flown.iter().fold(0.0, |a: f64, b| a.max(*b)),
+            worst: flown.iter().copied().reduce(f64::max).unwrap_or(f64::INFINITY),
             crashed: errors.len() - flown.len(),
             n: errors.len(),
         }
@@ -50,10 +50,14 @@ impl Evaluation {
         let (sum, flown) = all.fold((none, 0), |(sum, flown), one| {
             let own = one.n - one.crashed;
             let rmse = sum.rmse + if own > 0 { own as f64 * one.rmse } else { 0.0 };
-            let (worst, crashed, n) = (sum.worst.max(one.worst), sum.crashed + one.crashed, sum.n + one.n);
-            (Self { rmse, worst, crashed, n }, flown + own)
+            let worst = if own > 0 { sum.worst.max(one.worst) } else { sum.worst };
+            (Self { rmse, worst, crashed: sum.crashed + one.crashed, n: sum.n + one.n }, flown + own)
         });
-        Self { rmse: if flown > 0 { sum.rmse / flown as f64 } else { f64::INFINITY }, ..sum }
+        // a flight that crashed has no error
+        if flown == 0 {
+            return Self { rmse: f64::INFINITY, worst: f64::INFINITY, ..sum };
+        }
+        Self { rmse: sum.rmse / flown as f64, ..sum }
     }
 }
 

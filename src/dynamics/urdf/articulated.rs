@@ -3,7 +3,7 @@
 use super::bodies::{Body, Joint, NO_LIMIT, left_out, total_mass};
 use super::import::{Read, check_part_names, read, read_files};
 use super::{ImportOptions, RotorFile, Warning, clean, fault, few, in_file, resolve};
-use crate::dynamics::assembly::{Assembly, Join, Kind, Solid};
+use crate::dynamics::assembly::{Assembly, Join, Kind, Solid, WORLD};
 use crate::dynamics::tree::Model;
 use crate::dynamics::vehicle::{Inertia, Rotor};
 use crate::error::Result;
@@ -182,7 +182,8 @@ fn joints(assembly: &mut Assembly, read: &Read, mounts: &[Mount]) -> Result<()> 
         let Some(joint) = &body.joint else { continue };
         let Some(parent) = read.bodies.get(joint.parent) else { continue };
         let kind = if is_rotor(mounts, i) { Kind::Fixed } else { kind(joint, parent, &read.file)? };
-        let mut join = Join::new(&joint.name, kind, &parent.name, &body.name).at(joint.place);
+        let carrier = if parent.is_world() { WORLD } else { &parent.name };
+        let mut join = Join::new(&joint.name, kind, carrier, &body.name).at(joint.place);
         if kind != Kind::Fixed {
             join = join.damping(joint.damping);
         }

@@ -60,13 +60,26 @@ pub(super) struct Joint {
     pub mimics: Option<String>,
 }
 
+impl Joint {
+    /// Its limits, in words, where rest at zero is beyond them.
+    pub fn never_at_zero(&self) -> Option<String> {
+        let unit = match self.kind.as_str() {
+            "revolute" => "rad",
+            "prismatic" => "m",
+            _ => return None,
+        };
+        let [lower, upper] = self.range;
+        (lower > 0.0 || upper < 0.0).then(|| format!("limits of {lower} to {upper} {unit}"))
+    }
+}
+
 /// Limits beyond which there is none, SI: files write 1e16 for "no limit".
 pub(super) const NO_LIMIT: f64 = 1e6;
 
 impl Body {
-    /// Whether it is the root that stands still in a model.
+    /// Whether it is the root that stands still in a model; files write it `World` and `WORLD`, too.
     pub fn is_world(&self) -> bool {
-        self.joint.is_none() && self.name == WORLD
+        self.joint.is_none() && self.name.eq_ignore_ascii_case(WORLD)
     }
 
     pub fn has_inertia(&self) -> bool {

@@ -214,12 +214,14 @@ pub(super) fn check_masses(read: &mut Read, rotors: &[usize]) -> Result<()> {
 /// A word on joints to a root called `world`: in a model they hold the vehicle, here nothing does.
 fn check_root(read: &mut Read) {
     let world = read.bodies.iter().position(Body::is_world);
+    let root = world.and_then(|i| read.bodies.get(i)).map_or(WORLD, |b| b.name.as_str());
     let ties = |b: &&Body| b.joint.as_ref().is_some_and(|j| Some(j.parent) == world && j.kind != "floating");
     let Some((joint, link)) = read.bodies.iter().find(ties).and_then(|b| Some((b.joint.as_ref()?, &b.name))) else {
         return;
     };
     let element = format!("joint '{}'", clean(&joint.name));
-    let rule = format!("a {} joint ties link '{}' to the root '{WORLD}', which stands still", joint.kind, clean(link));
+    let (link, root) = (clean(link), clean(root));
+    let rule = format!("a {} joint ties link '{link}' to the root '{root}', which stands still", joint.kind);
     let remedy = "Here the vehicle flies freely all the same: remove link and joint, or make the joint floating. As a model \
                   (import_model_file) it is held.";
     read.warn(joint.line, element, rule, remedy);
@@ -270,12 +272,9 @@ fn check_moving(read: &mut Read, rotors: &[usize]) -> Result<()> {
             }
             (kind, _) => {
                 let remedy = "Import it as a model (import_model_file) to let it move, or make it fixed.";
-                warnings.push((
-                    joint.line,
-                    element,
-                    format!("a {kind} joint that is no rotor's is held at zero"),
-                    remedy,
-                ));
+                let beyond = joint.never_at_zero().map(|limits| format!(", which its {limits} exclude"));
+                let rule = format!("a {kind} joint that is no rotor's is held at zero{}", beyond.unwrap_or_default());
+                warnings.push((joint.line, element, rule, remedy));
             }
         }
     }

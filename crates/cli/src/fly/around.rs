@@ -4,10 +4,11 @@ use super::Arguments;
 use crate::arguments::is_path;
 use crate::page::{Fact, length, short};
 use omnidrones::controllers::Flight;
+use omnidrones::controllers::mishap::nearest_still;
 use omnidrones::dynamics::assembly::Member;
 use omnidrones::dynamics::configurations::environment;
 use omnidrones::dynamics::scene::{Generator, Scene};
-use omnidrones::dynamics::tree::{Model, Multibody, separations};
+use omnidrones::dynamics::tree::{Model, Multibody};
 use omnidrones::error::{Error, Result};
 use serde_json::{Value, json};
 
@@ -48,19 +49,14 @@ impl Around {
         environment(name, &[Member::new("", model, [0.0; 3])], &self.scene)
     }
 
-    /// How near anything came to an obstacle or gate; `None` where there is none.
+    /// How near anything (shapes, and rotors as discs) came to an obstacle or gate; `None` where there is none.
     pub fn approach(&self, system: &Multibody, flight: &Flight) -> Option<Approach> {
         let shapes = system.model().shapes();
         let rows = flight.states.chunks_exact(system.rest_state().len()).zip(&flight.log.time);
         let mut nearest: Option<(usize, f64, f64)> = None;
         for (row, time) in rows {
-            for separation in separations(system, row) {
-                let (i, Some(j)) = separation.shapes else { continue };
-                let Some(still) = [i, j].into_iter().find(|k| shapes[*k].body.is_none()) else { continue };
-                if nearest.is_none_or(|(_, least, _)| separation.distance < least) {
-                    nearest = Some((still, separation.distance, *time));
-                }
-            }
+            let least = nearest.map_or(f64::INFINITY, |(_, least, _)| least);
+            nearest = nearest_still(system, row, least).map(|(still, near)| (still, near, *time)).or(nearest);
         }
         nearest.map(|(still, distance, time)| Approach {
             named: self.named.clone(),

@@ -11,6 +11,7 @@ mod promises;
 mod reports;
 mod robots;
 mod study;
+mod surroundings;
 mod tasks;
 mod verdicts;
 mod viewing;
