@@ -191,7 +191,7 @@ fn a_flight_into_what_stands_around_has_failed_by_name_and_depth() {
     let nearest = &told["scene"]["nearest"];
     assert!(nearest["distance"].as_f64().is_some_and(|d| d < 0.0), "{nearest}");
     let part = nearest["part"].as_str().expect("a name");
-    assert!(page.contains(&format!("FAILED: it flew into '{part}', ")) && page.contains(" mm deep at "), "{page}");
+    assert!(page.contains(&format!("FAILED: it flew into '{part}', ")) && page.contains("m deep at "), "{page}");
 }
 
 #[test]
