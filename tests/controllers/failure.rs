@@ -580,6 +580,28 @@ fn a_spin_does_not_depend_on_the_axes_in_which_a_body_is_described() {
     }
 }
 
+/// What is told to carry it does, wherever the load is: upright with next to no room, a Hummingbird whose load is 5 mm off was lost.
+#[test]
+fn a_load_off_the_centre_is_flown_on_three_rotors_where_a_way_is_told() {
+    let mut told = 0;
+    for millimetres in [0.0, 2.0, 5.0, 10.0, 20.0] {
+        let mut vehicle = vehicles::by_name("hummingbird").unwrap();
+        vehicle.parts[0].position[0] += 1e-3 * millimetres;
+        for lost in [0, 1, 2] {
+            let health: Vec<f64> = (0..4).map(|i| f64::from(u8::from(i != lost))).collect();
+            let left = Assessment::of(&vehicle, &health).unwrap();
+            let flight = flown(&vehicle, &hovering(vec![RotorFailure::lost(lost, 1.0)]));
+            let off = *flight.log.error_norm().last().unwrap();
+            println!("{millimetres} mm, without {lost}: {:?}, {:.3}, {off:.3} m", left.capability, left.without_yaw);
+            if left.capability != Capability::None {
+                told += 1;
+                assert!(off < 0.1, "{millimetres} mm, without {lost}: {:?} {off} m", left.capability);
+            }
+        }
+    }
+    assert!(told >= 8, "{told}");
+}
+
 #[test]
 fn a_quadrotor_on_three_rotors_comes_back_from_disturbed_starts() {
     let (worst, _, back) = hundred(&vehicles::by_name("hummingbird").unwrap(), 1.0, 0.05);

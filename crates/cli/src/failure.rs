@@ -211,8 +211,11 @@ fn explanation(left: &Assessment) -> String {
                 number(spin.axis[2].acos().to_degrees(), 0)
             )
         }),
+        Capability::None if three.margin.distance > 0.0 => {
+            format!("hover is {} inside the limits of thrust, roll and pitch, too little to steer", newtons(three))
+        }
         Capability::None => format!(
-            "hover is {} outside the limits of thrust, roll and pitch ({})",
+            "hover is {} outside the limits of thrust, roll and pitch ({}), and no turn that carries it was found",
             newtons_of(-three.margin.distance),
             three.weakest()
         ),

@@ -11,7 +11,7 @@
 use super::Axis;
 use super::attainable_wrench::{AttainableWrenches, WrenchMargin};
 use super::problem::{Problem, WRENCH};
-use super::spin::Spin;
+use super::spin::{ROOM, Spin};
 pub use crate::dynamics::plant::damaged;
 use crate::dynamics::{GRAVITY, Vehicle};
 use crate::error::{Error, Result};
@@ -102,7 +102,8 @@ pub enum Capability {
     YawSacrificed,
     /// Thrust, roll and pitch while it turns fast enough about an axis beside its thrust: [`Spin`].
     Spinning,
-    /// Not even those.
+    /// Not even those by more than [`LEAST_MARGIN`], and no turn that carries it was found: turns about axes near a principal one are
+    /// sought, so that there may be others.
     None,
 }
 
@@ -116,7 +117,7 @@ impl Capability {
             Self::Full => "full control",
             Self::YawSacrificed => "yaw sacrificed",
             Self::Spinning => "could fly while it spins",
-            Self::None => "cannot hover",
+            Self::None => "no steered hover found",
         }
     }
 }
@@ -155,11 +156,13 @@ impl Assessment {
         let least = LEAST_MARGIN * weight;
         let enough = |reach: &WrenchMargin| reach.margin.distance > least;
         let inertia = vehicle.mass_properties().inertia;
-        let spin = if enough(&without_yaw) { None } else { Spin::of(&problem, &three, &hover, &inertia, least)? };
+        // upright it spins up and needs as much room as in a turn about another axis; where it has less, that turn is the better one
+        let roomy = enough(&steered) || without_yaw.margin.distance > ROOM * weight;
+        let spin = if roomy { None } else { Spin::of(&problem, &three, &hover, &inertia, least)? };
         let capability = match () {
             () if enough(&steered) => Capability::Full,
-            () if enough(&without_yaw) => Capability::YawSacrificed,
             () if spin.is_some() => Capability::Spinning,
+            () if enough(&without_yaw) => Capability::YawSacrificed,
             () => Capability::None,
         };
         let lift = more.map_or(0.0, |more| weight + more);

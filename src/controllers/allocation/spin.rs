@@ -33,7 +33,7 @@ const TURNS: usize = 50;
 const SETTLED: f64 = 1e-9;
 /// Least room around its thrusts, as a share of the weight: what steers it must push both ways in every turn. A Crazyflie has half of
 /// it and, at 47 rad/s behind motors of 20 ms, falls.
-const ROOM: f64 = 0.1;
+pub(super) const ROOM: f64 = 0.1;
 /// Thrust and yaw balance before all else; what is left about x and y is least.
 const BALANCE: [f64; WRENCH] = [1e-4, 1e-4, 100.0, 0.01, 0.01, 100.0];
 /// Roll and pitch balance before thrust before yaw: what turns the body up to its rate.

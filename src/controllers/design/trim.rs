@@ -126,7 +126,7 @@ pub fn trim_damaged(vehicle: &Vehicle, physics: Physics, health: &[f64], target:
     let found = match (left.capability, &left.spin) {
         (Capability::None, _) => {
             return refused(
-                "enough for a steady flight",
+                "enough for a steady flight that is known",
                 "Leave the lost rotor a share: 1:0.6 for --fail, {1: 0.6} in Python.",
             );
         }

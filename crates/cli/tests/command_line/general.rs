@@ -699,7 +699,7 @@ fn a_failed_rotor_is_explained_and_flown_with() {
         assert!(page.contains(words), "'{words}' in\n{page}");
     }
     let (page, _) = exits(1, folder.path(), &["fly", "iris", "--reference", "hover", "--fail", "0", "--no-plots"]);
-    assert!(page.contains("cannot hover") && page.contains("FAILED: the vehicle was lost"), "{page}");
+    assert!(page.contains("no steered hover found") && page.contains("FAILED: the vehicle was lost"), "{page}");
     for (arguments, words) in [
         (with(&["--fail", "9"]), "no rotor is called '9'"),
         (with(&["--fail", "1:2"]), "in [0, 1)"),
