@@ -13,7 +13,7 @@ use crate::dynamics::aero::wind::{Wind, WindState};
 use crate::dynamics::batch::EXPLODED;
 use crate::dynamics::rotor::commanded_speed;
 use crate::dynamics::sensors::{Aboard, SensorConfig};
-use crate::dynamics::spatial::{from_matrix, to_euler};
+use crate::dynamics::spatial::{Mat3, from_matrix, to_euler};
 use crate::dynamics::tree::check_start;
 use crate::dynamics::{Disturbance, Gains, Physics, Plant, Vehicle};
 use crate::error::{Error, Result};
@@ -288,7 +288,7 @@ pub fn fly_from(
         log.commanded.extend(system.controller().commanded());
         log.sensor_readings.extend_from_slice(system.sensors().map_or(&[], Aboard::readings));
         if holds_tilt {
-            log.asked_angles.push(to_euler(from_matrix(target.orientation(time).attitude)));
+            log.asked_angles.push(angles(target.orientation(time).attitude));
         }
         states.extend_from_slice(&x);
         if next.iter().any(|v| !safe::is_bounded(*v, EXPLODED)) {
@@ -378,4 +378,15 @@ fn record(
         thrust: &thrust,
         wind,
     })
+}
+/// Horizontal part of a nose that points up or down, but for rounding.
+const UPRIGHT_NOSE: f64 = 1e-7;
+
+/// Roll, pitch and yaw of a rotation, from which it comes back: where the nose points up or down, roll and yaw are one angle, which is
+/// told as yaw.
+fn angles(m: Mat3<f64>) -> [f64; 3] {
+    if m[0][0].hypot(m[1][0]) > UPRIGHT_NOSE {
+        return to_euler(from_matrix(m));
+    }
+    [0.0, (-m[2][0]).clamp(-1.0, 1.0).asin(), (-m[0][1]).atan2(m[1][1])]
 }

@@ -352,6 +352,11 @@ impl Balance {
                 "Take mass off, or give it stronger rotors: max_speed or thrust_coefficient.",
             );
         }
+        let idle = LEAST_THRUST * lift;
+        if idle > self.weight {
+            let value = format!("too light: rotors at idle lift {idle:.3e} N of a weight of {:.3e} N", self.weight);
+            return Error::value(what, value, rule, "Check the units of the mass and of thrust_coefficient.");
+        }
         let n = self.n();
         let (rows, right) = self.along(&up.normalize());
         let scaled = DMatrix::from_fn(4, n, |k, i| rows[(k, i)] * self.most[i]);

@@ -1,7 +1,7 @@
 //! What fails a flight however small its errors are: the ground, and a load that turned over; and what does not.
 
 use omnidrones::controllers::mishap::{GRAZE, Judgement, Mishap, judge};
-use omnidrones::controllers::reference::{Hover, Waypoint, Waypoints};
+use omnidrones::controllers::reference::{Hover, Tilt, Waypoint, Waypoints};
 use omnidrones::controllers::{Flight, FlightPlan, Reference, Setup, default_controller, fly};
 use omnidrones::dynamics::spatial::{exponential, multiply};
 use omnidrones::dynamics::{Physics, Plant, configurations, vehicles};
@@ -169,4 +169,20 @@ fn mishaps_come_in_order_of_time_and_say_what_where_and_when() {
     let told: Vec<String> = judged(&plant, &fallen).mishaps.iter().map(ToString::to_string).collect();
     let all = told.join("; ");
     assert!(all.contains("went below the ground at 0.00 s") && all.contains("turned over"), "{all}");
+}
+
+/// Roll and pitch that meet at a right angle leave one of three angles unknown: what was asked has to come back from what is logged.
+#[test]
+fn a_platform_held_with_its_nose_up_has_not_turned_over() {
+    let model = omnidrones::dynamics::configurations::by_name("omav_tilting").unwrap();
+    let plant = Plant::of_model(&model, Physics::default()).unwrap();
+    for (roll, pitch) in [(90.0_f64, 90.0_f64), (180.0, 90.0), (90.0, -90.0), (100.0, 89.0)] {
+        let tilt = Tilt { roll: roll.to_radians(), pitch: pitch.to_radians(), ..Tilt::LEVEL };
+        let reference = Reference::Hover(Hover { position: [0.0, 0.0, 3.0], yaw: 0.0 });
+        let plan = FlightPlan { reference, duration: 6.0, tilt, physics: *plant.physics(), ..FlightPlan::default() };
+        let mut own = default_controller(&plant, &Setup::new(None, &plan.rates)).unwrap();
+        let flight = fly(&plant, &mut *own, &plan, &mut |_| {}).unwrap();
+        let found = judged(&plant, &flight);
+        assert!(found.mishaps.is_empty(), "{roll} {pitch}: {:?}", found.mishaps);
+    }
 }

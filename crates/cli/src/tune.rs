@@ -253,6 +253,9 @@ fn warnings(tuning: &Tuning) -> Vec<String> {
             format!("{name} of all commands at hover: {} → {}", short(before, 3), short(after, 3))
         })
         .collect();
+    if !tuning.margins[1].stable {
+        all.push("the loop of the tuned gains is not stable at hover, with the latency that is asked for: 'design' tells more".into());
+    }
     if tuning.is_worse_held_out() {
         all.push("on the cells that were held out the tuned gains do worse than those they started from".into());
     }

@@ -288,7 +288,10 @@ fn judged(
         Evaluation::together(own.map(|r| if after { &r.after } else { &r.before }))
     };
     let [elsewhere_before, elsewhere_after] = both.map(|g| elsewhere(vehicle, g, plan));
-    let [first, last] = both.map(|g| Flown::in_still_air(vehicle, g, &plan.physics, &plan.rates).hover_margins());
+    let [first, last] = both.map(|g| {
+        let still = Flown::in_still_air(vehicle, g, &plan.physics, &plan.rates);
+        Flown { latency: plan.latency, ..still }.hover_margins()
+    });
     Ok(Tuning {
         gains: *both[1],
         history,

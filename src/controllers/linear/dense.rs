@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use faer::diag::Diag;
 use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
 use faer::linalg::evd::{ComputeEigenvectors, EvdParams, evd_cplx, evd_real, evd_scratch};
-use faer::linalg::gevd::{GevdParams, gevd_real, gevd_scratch};
+use faer::linalg::gevd::{GevdParams, gevd_cplx, gevd_scratch};
 use faer::{Auto, Mat, Par, Spec, c64};
 use nalgebra::{Complex, DMatrix};
 
@@ -76,9 +76,24 @@ pub(crate) fn pencil_eigenvalues(a: &DMatrix<f64>, e: &DMatrix<f64>) -> Result<V
     let (size_a, size_e) = (a.norm().max(f64::MIN_POSITIVE), e.norm().max(f64::MIN_POSITIVE));
     let finite = pairs
         .into_iter()
-        .filter(|(a, b)| b.abs() / size_e > 1e-10 * (a.norm() / size_a).max(1e-300))
-        .map(|(a, b)| a / b);
-    Ok(finite.filter(|l| l.re.is_finite() && l.im.is_finite()).collect())
+        .filter(|(a, b)| b.norm() / size_e > 1e-10 * (a.norm() / size_a).max(1e-300))
+        .map(|(a, b)| a / b)
+        .filter(|l| l.re.is_finite() && l.im.is_finite());
+    let mut all: Vec<Complex<f64>> = finite.collect();
+    make_real(&mut all);
+    Ok(all)
+}
+
+/// Eigenvalues of real matrices that were sought among complex ones: what is nearer to its own conjugate than to another's is real.
+fn make_real(all: &mut [Complex<f64>]) {
+    let conjugates: Vec<Complex<f64>> = all.iter().map(Complex::conj).collect();
+    for (i, value) in all.iter_mut().enumerate() {
+        let others = conjugates.iter().enumerate().filter(|(j, _)| *j != i);
+        let nearest = others.map(|(_, other)| (*value - other).norm()).fold(f64::INFINITY, f64::min);
+        if 2.0 * value.im.abs() < nearest {
+            value.im = 0.0;
+        }
+    }
 }
 
 /// Eigenvalues of a real matrix and real and imaginary parts of its right eigenvectors; none where not all are found.
@@ -120,25 +135,26 @@ fn complex(matrix: &Complexes) -> Option<f64> {
     sizes.try_fold(0.0, |most: f64, size| (!size.is_nan()).then(|| most.max(size)))
 }
 
-/// Eigenvalues of a pencil as quotients; none where not all are found.
-fn pencil(a: &DMatrix<f64>, e: &DMatrix<f64>) -> Option<Vec<(Complex<f64>, f64)>> {
+/// Eigenvalues of a pencil as quotients; none where not all are found. Taken for complex matrices: of real ones faer 0.24 finds pairs
+/// that are a hundredth off.
+fn pencil(a: &DMatrix<f64>, e: &DMatrix<f64>) -> Option<Vec<(Complex<f64>, Complex<f64>)>> {
     let n = a.nrows();
-    let mut params: GevdParams = Auto::<f64>::auto();
+    let mut params: GevdParams = Auto::<c64>::auto();
     params.schur.blocking_threshold = usize::MAX;
     // in blocks of columns (of more than 32) faer 0.24 loses the pencil on its way to triangles
     params.hessenberg.block_size = 1;
     let params = Spec::new(params);
-    let [mut re, mut im, mut over] = [0; 3].map(|_| Diag::full(n, f64::NAN));
-    let (mut a, mut e) = (dense(a), dense(e));
+    let [mut above, mut below] = [0; 2].map(|_| Diag::full(n, c64::new(f64::NAN, f64::NAN)));
+    let [mut a, mut e] = [a, e].map(|m| Mat::from_fn(n, n, |i, j| c64::new(m[(i, j)], 0.0)));
     let none = ComputeEigenvectors::No;
-    with_memory(gevd_scratch::<f64>(n, none, none, Par::Seq, params), |stack| {
-        let values = (re.as_mut(), im.as_mut(), over.as_mut());
-        gevd_real(a.as_mut(), e.as_mut(), values.0, values.1, values.2, None, None, Par::Seq, stack, params).ok()
+    with_memory(gevd_scratch::<c64>(n, none, none, Par::Seq, params), |stack| {
+        let values = (above.as_mut(), below.as_mut());
+        gevd_cplx(a.as_mut(), e.as_mut(), values.0, values.1, None, None, Par::Seq, stack, params).ok()
     })?;
-    let [re, im, over] = [re.column_vector(), im.column_vector(), over.column_vector()];
-    let all = re.iter().zip(im.iter()).zip(over.iter());
-    let known = |((re, im), over): ((&f64, &f64), &f64)| {
-        (![re, im, over].iter().any(|v| v.is_nan())).then_some((Complex::new(*re, *im), *over))
+    let all = above.column_vector().iter().zip(below.column_vector().iter());
+    let known = |(a, b): (&c64, &c64)| {
+        let [a, b] = [a, b].map(|v| Complex::new(v.re, v.im));
+        (!a.is_nan() && !b.is_nan()).then_some((a, b))
     };
     all.map(known).collect()
 }
@@ -209,25 +225,34 @@ mod tests {
         }
     }
 
-    /// A number is near another's place: the largest distance from one of `of` to the nearest of `to`.
+    /// The largest distance from one of `of` to the nearest of `to`.
     fn apart(of: &[Complex<f64>], to: &[Complex<f64>]) -> f64 {
         let nearest = |a: &Complex<f64>| to.iter().map(|b| (a - b).norm()).fold(f64::INFINITY, f64::min);
         of.iter().map(nearest).fold(0.0, f64::max)
     }
 
+    /// A λ with det(A − λ E) = 0 leaves A − λ E a singular value of 0.
     #[test]
-    fn pencils_of_every_order_have_the_eigenvalues_of_the_matrix_that_they_are() {
+    fn pencils_of_every_order_lose_rank_at_what_is_found_of_them() {
         let mut random = Stream::new(3, 0, 0, Purpose::user(1));
-        for n in [1, 2, 5, 20, 31, 32, 33, 34, 50, 76, 100, 140] {
+        for (n, infinite) in
+            [1, 2, 3, 5, 8, 20, 31, 32, 33, 34, 50, 76, 100].into_iter().flat_map(|n| [(n, 0), (n, n / 3)])
+        {
             let a = DMatrix::from_fn(n, n, |_, _| random.uniform(-1.0, 1.0));
-            let e = DMatrix::identity(n, n) + DMatrix::from_fn(n, n, |_, _| random.uniform(-0.3, 0.3) / n as f64);
-            for e in [DMatrix::identity(n, n), e] {
-                let wanted = eigenvalues(&e.clone().lu().solve(&a).unwrap()).unwrap();
-                let found = pencil_eigenvalues(&a, &e).unwrap();
-                let off = apart(&wanted, &found).max(apart(&found, &wanted));
-                // measured: 6e-13
-                assert!(found.len() == n && off < 1e-9, "{n}: {} found, {off:e} apart", found.len());
-            }
+            let mut e = DMatrix::identity(n, n) + DMatrix::from_fn(n, n, |_, _| random.uniform(-0.3, 0.3) / n as f64);
+            e.rows_mut(n - infinite, infinite).fill(0.0);
+            let found = pencil_eigenvalues(&a, &e).unwrap();
+            assert_eq!(found.len(), n - infinite, "{n}: {found:?}");
+            let [a, e] = [a, e].map(|m| m.map(|v| Complex::new(v, 0.0)));
+            let left = |l: &Complex<f64>| {
+                let values = singular_values(&(&a - &e * *l));
+                values[n - 1] / values[0]
+            };
+            let worst = found.iter().map(left).fold(0.0, f64::max);
+            // measured: 3e-15; of real pencils faer left 8e-2
+            assert!(n == 1 || worst < 1e-11, "{n}, {infinite}: {worst:e}");
+            let unpaired = found.iter().filter(|l| l.im != 0.0).map(|l| apart(&[l.conj()], &found)).fold(0.0, f64::max);
+            assert!(unpaired < 1e-8, "{n}, {infinite}: {unpaired:e}");
         }
     }
 

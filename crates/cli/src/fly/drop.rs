@@ -142,8 +142,10 @@ impl<'a> Fallen<'a> {
 
     /// Whether energy came from nowhere, which a step too long for the ground's stiffness does.
     fn gained(&self) -> bool {
-        let most = self.energy.iter().fold(f64::NEG_INFINITY, |m, e| m.max(*e));
-        most > 1.01 * self.lost()[0] + 1e-6
+        let [most, least] = [f64::max, f64::min].map(|of| self.energy.iter().copied().fold(self.lost()[0], of));
+        // of what was there or was lost, wherever the energy's zero is
+        let first = self.lost()[0];
+        most > first + 0.01 * first.abs().max(first - least) + 1e-6
     }
 
     fn subtitle(&self) -> String {
