@@ -325,7 +325,9 @@ fn vehicle(a: &Arguments, around: Option<Around>) -> Result<Flyer> {
     if around.is_none() {
         alone(&a.flight.physics().effects)?;
     }
-    let source = source::to_use(a.vehicle.as_deref(), &a.rotors)?;
+    // a program finds them in what is printed
+    let load = if a.output.json { source::load } else { source::to_use };
+    let source = load(a.vehicle.as_deref(), &a.rotors)?;
     let mut plan = a.flight.plan(a.duration, a.wind.clone(), a.seed)?;
     plan.n_step()?;
     plan.physics.effects.contact = false;
