@@ -112,7 +112,7 @@ def test_a_vehicle_that_lost_a_rotor_has_its_steady_turn():
     weak = omnidrones.linearise("hummingbird", fail={"rotor_2": 0.6})
     assert weak.yaw_rate == 0.0 and np.abs(weak.input[2] - weak.input[0]) > 0.05
     for name, fail, words in [
-        ("firefly", {1: 0.0}, "turns ever faster"),
+        ("firefly", {1: 0.0}, "turns faster until its drag"),
         ("crazyflie", {1: 0.0}, "Leave the lost rotor a share"),
         ("hummingbird", {7: 0.0}, "no rotor is called"),
         ("hummingbird", {1: 2.0}, "effectiveness is 2"),

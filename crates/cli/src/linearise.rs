@@ -159,7 +159,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     }
     if a.json {
         let value = json!({
-            "command": "linearise", "version": env!("CARGO_PKG_VERSION"), "success": true, "plant": plant.name(), "warnings": warnings(&plant), "model": model.to_json(), "reached": hidden.reached, "out_of_reach": hidden.names(model.states()),
+            "command": "linearise", "version": env!("CARGO_PKG_VERSION"), "success": true, "plant": plant.name(), "warnings": warnings(a, &plant), "model": model.to_json(), "reached": hidden.reached, "out_of_reach": hidden.names(model.states()),
             "trim": { "state": found.state, "input": found.input, "residual": found.residual, "limited": found.limited },
             "modes": modes.iter().map(super::design::mode_json(&model)).collect::<Vec<_>>(),
         });
@@ -170,7 +170,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
         plant.name(),
         if a.continuous { "dx/dt about a steady flight" } else { "one step about a steady flight" },
     );
-    page.notes("warning", &warnings(&plant), 3, "");
+    page.notes("warning", &warnings(a, &plant), 3, "");
     page.heading("Steady flight").facts(&steady(&plant, &found));
     let of_all = |n: usize| format!("{n} of {} directions", model.n_state());
     page.heading("Linear model").facts(&[
@@ -190,11 +190,11 @@ pub fn run(a: &Arguments) -> Result<Report> {
     Ok(Report::done(page.finish()))
 }
 
-/// What keeps the vehicle from being steered.
-fn warnings(plant: &Plant) -> Vec<String> {
+/// What keeps the vehicle from being steered; of one that lost a rotor its steady flight has been told.
+fn warnings(a: &Arguments, plant: &Plant) -> Vec<String> {
     match plant {
-        Plant::Rigid(m) => source::verdicts(m.vehicle()),
-        Plant::Tree(_) => Vec::new(),
+        Plant::Rigid(m) if a.fail.is_none() => source::verdicts(m.vehicle()),
+        _ => Vec::new(),
     }
 }
 
