@@ -50,25 +50,16 @@ fn drawn(n: usize) -> (Vec<Vehicle>, Vec<Vehicle>) {
     (balanced, others)
 }
 
-fn random_vehicles_hold(n: usize) {
+#[test]
+fn two_hundred_random_vehicles_that_balance_hover_within_a_centimetre() {
     for name in ["lqr", "cascade"] {
         let mut all: Vec<(f64, String)> =
-            drawn(n).0.into_iter().map(|vehicle| (strays(&vehicle, name), vehicle.name)).collect();
+            drawn(200).0.into_iter().map(|vehicle| (strays(&vehicle, name), vehicle.name)).collect();
         all.sort_by(|a, b| b.0.total_cmp(&a.0));
         println!("{name}: {:?}", &all[..5]);
+        // measured: 3.1 and 3.0 mm, of 3 mm at the start
         assert!(all[0].0 < 0.01, "{name}: {:?}", all.iter().filter(|(off, _)| *off >= 0.01).collect::<Vec<_>>());
     }
-}
-
-#[test]
-fn random_vehicles_that_balance_hover_within_a_centimetre() {
-    random_vehicles_hold(20);
-}
-
-#[test]
-#[ignore = "minutes: cargo test --release --test controllers two_hundred -- --ignored"]
-fn two_hundred_random_vehicles_that_balance_hover_within_a_centimetre() {
-    random_vehicles_hold(200);
 }
 
 #[test]
