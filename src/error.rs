@@ -143,26 +143,6 @@ impl Error {
         }
     }
 
-    /// What the TOML parser said about `text`, with line and column, and for an unknown key the nearest known one. Where a
-    /// table was read, not a text, the path of the key stands for the line.
-    pub fn of_toml(error: &toml::de::Error, text: &str, file: &str) -> Self {
-        let place = match error.span() {
-            None => key_path(error).unwrap_or_else(|| "the settings".into()),
-            Some(span) => {
-                let before = text.get(..span.start).unwrap_or(text);
-                let line_start = before.rfind('\n').map_or(0, |i| i + 1);
-                format!(
-                    "line {}, column {}",
-                    before.matches('\n').count() + 1,
-                    before[line_start..].chars().count() + 1
-                )
-            }
-        };
-        let rule = in_words(&error.message().lines().collect::<Vec<_>>().join(" "));
-        let remedy = unknown_key_remedy(&rule).unwrap_or_else(|| "Correct it there.".into());
-        Self::Format { file: file.into(), place, rule, remedy }
-    }
-
     /// A key of `file` that is none of those `known`.
     pub(crate) fn unknown_key(file: &str, key: &str, known: &[String]) -> Self {
         let list = known.iter().map(|k| format!("`{k}`")).collect::<Vec<_>>().join(", ");
@@ -177,13 +157,6 @@ impl Error {
     }
 }
 
-/// The parser says, of a table: in `a.b`.
-fn key_path(error: &toml::de::Error) -> Option<String> {
-    let said = error.to_string();
-    let path = said.lines().last()?.strip_prefix("in `")?.strip_suffix('`')?;
-    Some(path.to_string())
-}
-
 /// On which side of a limit such as `1 to 16` a value lies.
 fn side(value: &str, limit: &str) -> &'static str {
     let least = limit.split_once(" to ").and_then(|(least, _)| least.trim().parse::<f64>().ok());
@@ -192,7 +165,7 @@ fn side(value: &str, limit: &str) -> &'static str {
 }
 
 /// serde says: unknown field `x`, expected one of `a`, `b`.
-fn unknown_key_remedy(message: &str) -> Option<String> {
+pub(crate) fn unknown_key_remedy(message: &str) -> Option<String> {
     let mut quoted = message.strip_prefix("unknown field ")?.split('`').skip(1).step_by(2);
     let key = quoted.next()?;
     Some(match nearest(key, quoted) {
@@ -202,7 +175,7 @@ fn unknown_key_remedy(message: &str) -> Option<String> {
 }
 
 /// What the parser says with Rust's names of types, in those of numbers, and without the full stop that the sentence gets.
-fn in_words(said: &str) -> String {
+pub(crate) fn in_words(said: &str) -> String {
     let whole = ["usize", "u64", "u32", "u16", "u8"].map(|kind| (kind, "a whole number from 0"));
     let real = ["f64", "f32"].map(|kind| (kind, "a number"));
     let named = whole.into_iter().chain(real).find(|(kind, _)| said.ends_with(&format!("expected {kind}")));
@@ -295,7 +268,7 @@ mod tests {
             updates: usize,
         }
         let text = "updates = 'many'";
-        let said = Error::of_toml(&toml::from_str::<Settings>(text).unwrap_err(), text, "my.toml").to_string();
+        let said = crate::reader::of_toml::<Settings>(text, "my.toml").unwrap_err().to_string();
         assert!(said.contains("expected a whole number from 0. Correct it there."), "{said}");
         assert_eq!(in_words("it has no rotors."), "it has no rotors");
     }

@@ -3,6 +3,7 @@
 pub use crate::dynamics::contact::force::force as contact_force;
 pub use crate::dynamics::integrate::{Grid, step};
 pub use crate::file_gate::{UNFINISHED_NAME, read_text, remove_unfinished, replace, replace_with};
+pub use crate::reader::{of_json, of_toml};
 pub use crate::rl::policy::ROWS;
 pub use crate::rl::shards::{Shard, shards};
 pub use crate::tasks::env::check::check_env_for;

@@ -6,6 +6,7 @@
 //! vehicle without published gains does not fly another one's.
 
 use crate::error::{Error, Result};
+use crate::reader::{self, Fault};
 use serde::de::DeserializeOwned;
 use toml::{Table, Value};
 
@@ -24,8 +25,7 @@ impl Layer {
     /// # Errors
     /// [`Error::Format`] with line and column for text that is no TOML.
     pub fn of_text(text: &str, file: &str) -> Result<Self> {
-        let table = toml::from_str(text).map_err(|e| Error::of_toml(&e, text, file))?;
-        Ok(Self { name: file.into(), text: Some(text.into()), table })
+        Ok(Self { name: file.into(), text: Some(text.into()), table: reader::parse(text, file)? })
     }
 
     /// From a table that comes from no file; `name` is for messages.
@@ -53,14 +53,12 @@ impl Layer {
 
     /// What is wrong with the merged settings since this layer came, in words of its own: line and column where the layer
     /// is a text that is wrong by itself, else the path of the key.
-    fn blame<T: DeserializeOwned>(&self, merged: &toml::de::Error) -> Error {
-        let alone = self.text.as_ref().and_then(|text| Some((text, toml::from_str::<T>(text).err()?)));
+    fn blame<T: DeserializeOwned>(&self, merged: &Fault) -> Error {
+        let alone = self.text.as_ref().and_then(|text| Some((text, reader::of_table::<T>(&self.table).err()?)));
         match alone {
             // a part of a choice below lacks the rest by itself
-            Some((text, error)) if !error.message().starts_with("missing field") => {
-                Error::of_toml(&error, text, &self.name)
-            }
-            _ => Error::of_toml(merged, "", &self.name),
+            Some((text, fault)) if !fault.message().starts_with("missing field") => fault.in_text(text, &self.name),
+            _ => merged.in_table(&self.name),
         }
     }
 }
@@ -86,15 +84,14 @@ pub fn merge(under: &mut Table, over: Table) {
 /// [`Error::Format`] that names the first layer with which something cannot be read, line and column (of a table: the
 /// path of the key), and for an unknown key the nearest known one.
 pub fn read<T: DeserializeOwned>(base: Table, layers: &[Layer]) -> Result<T> {
-    let whole = |table: &Table| table.clone().try_into::<T>();
     let (mut merged, mut settings) = (base, None);
     for layer in layers {
         merge(&mut merged, layer.table.clone());
-        settings = Some(whole(&merged).map_err(|error| layer.blame::<T>(&error))?);
+        settings = Some(reader::of_table(&merged).map_err(|fault| layer.blame::<T>(&fault))?);
     }
     match settings {
         Some(settings) => Ok(settings),
-        None => whole(&merged).map_err(|error| Error::of_toml(&error, "", "settings")),
+        None => reader::of_table(&merged).map_err(|fault| fault.in_table("settings")),
     }
 }
 

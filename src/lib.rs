@@ -98,6 +98,7 @@ pub mod layers;
 mod memory;
 pub mod parallel;
 pub mod prelude;
+pub(crate) mod reader;
 pub mod rl;
 pub mod rng;
 #[cfg(test)]

@@ -5,6 +5,7 @@
 
 use super::vehicle::Vehicle;
 use crate::error::{Error, Result};
+use crate::reader;
 use std::collections::HashSet;
 use std::path::Path;
 
@@ -23,7 +24,7 @@ impl Vehicle {
     /// ```
     pub fn from_toml_str(text: &str, file_name: &str) -> Result<Self> {
         check_size(text.len() as u64, file_name)?;
-        let vehicle: Self = toml::from_str(text).map_err(|error| Error::of_toml(&error, text, file_name))?;
+        let vehicle: Self = reader::of_toml(text, file_name)?;
         vehicle.validate().and_then(|()| unique_names(&vehicle)).map_err(|error| in_file(error, file_name))?;
         Ok(vehicle)
     }

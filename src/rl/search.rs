@@ -15,6 +15,7 @@ use super::trainer::{Progress, TrainResult};
 use crate::error::{Error, Result};
 use crate::file_gate;
 use crate::parallel::Threads;
+use crate::reader;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -196,12 +197,8 @@ impl Search {
             return Ok(own);
         }
         let text = file_gate::read_text(&path, file_gate::MAX_LOG)?;
-        let known: Known = serde_json::from_str(&text).map_err(|e| Error::Format {
-            file: path.display().to_string(),
-            place: format!("line {}, column {}", e.line(), e.column()),
-            rule: e.to_string(),
-            remedy: "Search anew in another folder (--out), or replace this one (--force).".into(),
-        })?;
+        let remedy = "Search anew in another folder (--out), or replace this one (--force).";
+        let known: Known = reader::of_json(text.as_bytes(), &path.display().to_string(), remedy)?;
         if (&known.candidates, &known.seeds, known.factor) != (&own.candidates, &own.seeds, own.factor) {
             let value = format!("'{}', of other settings, seeds or factor", folder.display());
             return Err(Error::value("folder of the search", value, "new or that of this search", "Name another one."));

@@ -4,6 +4,7 @@
 //! tables of `omnidrones tasks NAME` and the value that `{key}` stands for in the words of a task.
 
 use crate::error::{Error, Result};
+use crate::reader;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
@@ -112,7 +113,7 @@ impl<T: Serialize + DeserializeOwned> SettingValue for T {
     }
 
     fn read(&mut self, value: &toml::Value) -> std::result::Result<(), String> {
-        *self = T::deserialize(value.clone()).map_err(|e| e.message().lines().collect::<Vec<_>>().join(" "))?;
+        *self = reader::of_value(value).map_err(|fault| fault.message().lines().collect::<Vec<_>>().join(" "))?;
         Ok(())
     }
 }

@@ -73,7 +73,7 @@ pub fn runs(root: &Path) -> Vec<PathBuf> {
 /// A TOML file as `T`; mistakes are named with line and column, unknown keys with the known ones.
 pub fn read_toml<T: DeserializeOwned>(path: &Path) -> Result<T> {
     let text = read_text(path, MAX_CONFIG_BYTES)?;
-    toml::from_str(&text).map_err(|error| Error::of_toml(&error, &text, &path.display().to_string()))
+    internals::of_toml(&text, &path.display().to_string())
 }
 
 /// What marks a folder as made by a command: what commands write there may be replaced.

@@ -5,7 +5,8 @@ use crate::dynamics::contact::ContactMaterial;
 use crate::dynamics::mesh::MeshTable;
 use crate::dynamics::relief::Relief;
 use crate::dynamics::vehicle_file::in_file;
-use crate::error::{Error, Result};
+use crate::error::Result;
+use crate::reader;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -57,7 +58,7 @@ impl Scene {
 
     /// Names of files in it count from `folder`.
     fn from_text(text: &str, file_name: &str, folder: &Path) -> Result<Self> {
-        let file: SceneFile = toml::from_str(text).map_err(|error| Error::of_toml(&error, text, file_name))?;
+        let file: SceneFile = reader::of_toml(text, file_name)?;
         file.scene(folder).map_err(|error| in_file(error, file_name))
     }
 

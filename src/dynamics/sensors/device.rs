@@ -10,6 +10,7 @@ use super::mount::Motion;
 use super::sight::Sight;
 use super::touch::{Contact, ContactDevice};
 use crate::error::{Error, Result};
+use crate::reader;
 use crate::rng::Stream;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -123,7 +124,7 @@ impl std::fmt::Debug for Kind {
 }
 
 fn read<T: DeserializeOwned>(table: toml::Table, place: &str) -> Result<T> {
-    T::deserialize(toml::Value::Table(table)).map_err(|e| Error::of_toml(&e, "", place))
+    reader::of_table(&table).map_err(|fault| fault.in_table(place))
 }
 
 fn table<T: Serialize>(settings: &T) -> toml::Table {

@@ -5,6 +5,7 @@ use super::presets::{Preset, preset};
 use super::slope::Gradient;
 use crate::dynamics::spatial::{Quat, Vec3};
 use crate::error::{Error, Result, finite};
+use crate::reader;
 use serde::{Deserialize, Serialize};
 
 /// Farthest place of a sensor from the origin of its body, m.
@@ -253,7 +254,7 @@ impl TryFrom<toml::Table> for SensorConfig {
                 common.insert(key.into(), value);
             }
         }
-        let common = Common::deserialize(toml::Value::Table(common)).map_err(|e| Error::of_toml(&e, "", &place))?;
+        let common: Common = reader::of_table(&common).map_err(|fault| fault.in_table(&place))?;
         let kind = Kind::by_name(&common.kind)?;
         let base = match &common.preset {
             Some(name) => Self::of_preset(&common.name, preset(kind.name, name)?),
@@ -342,7 +343,7 @@ impl SensorFile {
         if let Some(key) = table.keys().next() {
             return Err(Error::unknown_key(file, key, &["sensor".into()]));
         }
-        let tables = Vec::<toml::Table>::deserialize(tables).map_err(|e| Error::of_toml(&e, "", file))?;
+        let tables: Vec<toml::Table> = reader::of_value(&tables).map_err(|fault| fault.in_table(file))?;
         // the table's own error, told as what it is and not as a word of the parser
         let read = |table| SensorConfig::try_from(table).map_err(|error| in_file(error, file));
         Ok(Self { sensor: tables.into_iter().map(read).collect::<Result<_>>()? })

@@ -21,6 +21,7 @@ use super::schema::LARGEST;
 use super::{clean, fault, in_file};
 use crate::dynamics::vehicle::{Drag, Gains, MAX_ROTORS, Part};
 use crate::error::{Error, Result, suggestion};
+use crate::reader::{self, Mistake};
 use serde::{Deserialize, Serialize};
 
 /// Largest rotor file, bytes.
@@ -116,7 +117,7 @@ impl RotorFile {
                 "A rotor file has a few dozen lines.",
             ));
         }
-        let mut parsed: Self = toml::from_str(text).map_err(|e| syntax(&e, text, file))?;
+        let mut parsed: Self = reader::of_text(text).map_err(|e| syntax(&e, text, file))?;
         parsed.file = file.to_string();
         parsed.check()?;
         Ok(parsed)
@@ -235,15 +236,15 @@ fn check_size(file: &str, place: &str, name: &str, values: &[f64], least: f64) -
 }
 
 /// A TOML error with its line; an unknown key gets the nearest known one suggested.
-fn syntax(error: &toml::de::Error, text: &str, file: &str) -> Error {
-    let place = match error.span() {
+fn syntax(error: &Mistake, text: &str, file: &str) -> Error {
+    let place = match &error.span {
         None => "rotor file".to_string(),
         Some(span) => {
             let before = text.as_bytes().get(..span.start).unwrap_or_default();
             format!("line {}", 1 + before.iter().filter(|b| **b == b'\n').count())
         }
     };
-    let message: String = error.message().chars().take(600).map(|c| if c.is_control() { ' ' } else { c }).collect();
+    let message: String = error.message.chars().take(600).map(|c| if c.is_control() { ' ' } else { c }).collect();
     let quoted: Vec<&str> = message.split('`').skip(1).step_by(2).collect();
     match quoted.split_first() {
         Some((name, known)) if message.starts_with("unknown field") => {

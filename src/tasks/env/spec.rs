@@ -2,8 +2,8 @@
 
 use super::block::Sizes;
 use super::control::Control;
-use super::engine::Engine;
-use crate::error::{Error, Result};
+use crate::error::Result;
+use crate::reader;
 use crate::tasks::config::{ActionSpace, EnvConfig};
 use crate::tasks::observation::{LEAST_NOMINAL, Pipeline};
 use crate::tasks::task_spec::{DIVERGED, End, Field, Success, TaskSpec, Term, below, total};
@@ -228,12 +228,7 @@ impl Spec {
     /// # Errors
     /// [`Error::Format`] with line and column.
     pub fn from_json(text: &str) -> Result<Self> {
-        serde_json::from_str(text).map_err(|e| Error::Format {
-            file: "<spec>".into(),
-            place: format!("line {}, column {}", e.line(), e.column()),
-            rule: e.to_string(),
-            remedy: "Take what Spec::to_json wrote.".into(),
-        })
+        reader::of_json(text.as_bytes(), "<spec>", "Take what Spec::to_json wrote.")
     }
 
     /// Place of a field in the observation.
@@ -290,14 +285,14 @@ fn unlike(task: &TaskSpec, control: &Control) -> Vec<AgentWidths> {
 pub(crate) fn spec_of(
     name: &str,
     config: &EnvConfig,
-    engine: &dyn Engine,
+    horizon: usize,
+    own: &TaskSpec,
     s: &Sizes,
     pipeline: &Pipeline,
     control: &Control,
     privileged: Vec<(String, f64)>,
     bytes_per_env: usize,
 ) -> Spec {
-    let own = engine.task_spec();
     let info = |name: String, unit: &str, meaning: &str| Info { name, unit: unit.into(), meaning: meaning.into() };
     let mut infos: Vec<Info> = Column::ALL.into_iter().map(Column::info).collect();
     infos.extend(own.reward.iter().map(|t| info(format!("reward_{}", t.name), "-", "sum of this term")));
@@ -321,7 +316,7 @@ pub(crate) fn spec_of(
         ends: own.ends.clone(),
         success: own.success.clone(),
         info: infos,
-        horizon: engine.horizon(),
+        horizon,
         dt: config.dt,
         bytes_per_env,
         config: config.clone(),

@@ -95,7 +95,7 @@ impl Plan {
             name: name.into(),
             known: names().map(String::from).to_vec(),
         })?;
-        toml::from_str(text).map_err(|error| Error::of_toml(&error, text, name))
+        omnidrones::internals::of_toml(text, name)
     }
 
     /// Its rows of these tasks and algorithms (of all for none), with a factor on their updates.
