@@ -276,6 +276,13 @@ fn push(node: Node) -> Trace {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Trace(u32);
 
+impl Trace {
+    /// Its value, where it depends on no input.
+    pub(crate) fn known(self) -> Option<f64> {
+        GRAPH.with_borrow(|g| g.constant(self.0))
+    }
+}
+
 /// A recorded truth value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TraceMask(u32);
@@ -410,6 +417,15 @@ pub struct Recording {
 
 /// Records `f` on a graph of its own, starting from `graph`; the caller's is put back afterwards, even on panic.
 fn record(graph: Graph, n_input: usize, f: impl FnOnce() -> Vec<Trace>) -> Recording {
+    apart(graph, || {
+        let outputs = f().iter().map(|o| o.0).collect();
+        let Graph { nodes, calls, .. } = GRAPH.take();
+        Recording { nodes, calls, n_input, outputs }
+    })
+}
+
+/// Runs `f` on a graph of its own.
+fn apart<R>(graph: Graph, f: impl FnOnce() -> R) -> R {
     struct Restore(Option<Graph>);
     impl Drop for Restore {
         fn drop(&mut self) {
@@ -418,11 +434,13 @@ fn record(graph: Graph, n_input: usize, f: impl FnOnce() -> Vec<Trace>) -> Recor
             }
         }
     }
-    let restore = Restore(Some(GRAPH.replace(graph)));
-    let outputs = f().iter().map(|o| o.0).collect();
-    let Graph { nodes, calls, .. } = GRAPH.take();
-    drop(restore);
-    Recording { nodes, calls, n_input, outputs }
+    let _restore = Restore(Some(GRAPH.replace(graph)));
+    f()
+}
+
+/// Runs `f` on constants, of which nothing is kept.
+pub(crate) fn on_constants<R>(f: impl FnOnce() -> R) -> R {
+    apart(Graph::default(), f)
 }
 
 impl Recording {

@@ -7,6 +7,7 @@
 //! | `task` | [`Task`]: what a task is; what it is shown ([`View`]) and where episodes begin ([`Start`]) |
 //! | [`declare`] | [`Writer`]: numbers with their names beside them, which kernels leave out |
 //! | [`task_spec`] | [`TaskSpec`]: names, sizes, units and bounds of what a task writes |
+//! | `any_task` | a task behind a pointer; lets it declare itself |
 //! | [`settings`](mod@settings) | `settings!`: what `[task]` sets, each number stated once |
 //! | [`robot`] | [`Robot`]: what flies, its drones and where their numbers stand |
 //! | [`reward`], `track_path` | shapes that rewards are made of; the lemniscate of the Track tasks |
@@ -131,6 +132,7 @@
 //! # Ok::<(), omnidrones::error::Error>(())
 //! ```
 
+pub(crate) mod any_task;
 pub(crate) mod baseline;
 pub mod bounds;
 pub mod config;

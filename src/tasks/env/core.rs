@@ -6,7 +6,7 @@ use super::engine::Engine;
 use super::residual::Residual;
 use super::restart::Draft;
 use super::sensing::Sensing;
-use super::transition::{Setting, StepLayout};
+use super::transition::{StepLayout, transition};
 use crate::autodiff::{Program, Recording};
 use crate::dynamics::batch::Plant;
 use crate::error::Result;
@@ -15,11 +15,14 @@ use crate::tasks::config::Autoreset;
 use crate::tasks::observation::{Pipeline, Statistics};
 use crate::tasks::randomise::Randomiser;
 use crate::tasks::robot::Robot;
+use crate::tasks::task_spec::TaskSpec;
 use std::sync::{Arc, OnceLock};
 
 /// Everything that all environments share and that a step only reads.
 pub(crate) struct Core {
     pub engine: Box<dyn Engine>,
+    /// What the task says about itself.
+    pub task_spec: TaskSpec,
     pub plant: Plant,
     pub control: Control,
     /// Controllers that actions change the commands of.
@@ -66,7 +69,7 @@ impl Core {
 
     /// One step as a recording.
     pub(crate) fn record(&self, layout: &StepLayout) -> Recording {
-        self.engine.record(&Setting { core: self, layout })
+        Recording::of(layout.n_argument(), |z| transition(self, layout, z))
     }
 
     /// One step as a program.

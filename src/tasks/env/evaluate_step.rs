@@ -3,9 +3,9 @@
 use super::block::{EnvBlock, Sizes, Workspace, episode_state, signal};
 use crate::autodiff::lanes::{Lanes, RegisterKernel};
 use crate::autodiff::program::BLOCK;
-use crate::autodiff::{Mask, Scalar, StridedView, StridedViewMut};
+use crate::autodiff::{Mask, Scalar, StridedView};
 use crate::dynamics::batch::ALIVE;
-use crate::tasks::declare::{Masks, loss_of};
+use crate::tasks::declare::{Masks, Sum};
 use crate::tasks::robot::Robot;
 use crate::tasks::task::{MAX_ENDS, Task, View};
 
@@ -87,7 +87,9 @@ impl<T: Task> RegisterKernel for (&T, EvaluateStep<'_>) {
         task.reward(&view, &mut L::rows_mut(&mut work.terms, at).writer(0));
         task.metrics(&view, &mut L::rows_mut(&mut work.metrics, at).writer(0));
         let mut success = task.success(&view);
-        let loss = loss_of(task, &view, *most_loss);
+        let mut loss = Sum::new();
+        task.loss(&view, &mut loss);
+        let loss = loss.cut(*most_loss);
         let code = reason(task, &view, sizes.end);
 
         let alive = L::rows(&block.plant.rows, at).get(*alive_row);
@@ -137,19 +139,6 @@ pub(crate) fn sum<S: Scalar>(numbers: &StridedView<'_, S>, n: usize) -> S {
     sum
 }
 
-/// All agents' observations before the transforms.
-#[inline(always)]
-pub(crate) fn observe<S: Scalar, T: Task>(
-    task: &T,
-    sizes: &Sizes,
-    view: &View<'_, S>,
-    raw: &mut StridedViewMut<'_, S>,
-) {
-    for agent in 0..sizes.agent {
-        task.observe(view, agent, &mut raw.writer(agent * sizes.raw));
-    }
-}
-
 /// Observations before the transforms and central states.
 pub(crate) struct Observe<'a> {
     pub sizes: &'a Sizes,
@@ -163,23 +152,19 @@ impl<T: Task> RegisterKernel for (&T, Observe<'_>) {
         let (task, Observe { sizes, block, work }) = self;
         let (task, Workspace { raw, central, frames, speeds, .. }) = (*task, &mut **work);
         let view = view::<L>(task.robot(), task.horizon() as f64, block, frames, speeds, at);
-        observe(task, sizes, &view, &mut L::rows_mut(raw, at));
+        let mut raw = L::rows_mut(raw, at);
+        for agent in 0..sizes.agent {
+            task.observe(&view, agent, &mut raw.writer(agent * sizes.raw));
+        }
         if sizes.central > 0 {
             task.central(&view, &mut L::rows_mut(central, at).writer(0));
         }
     }
 }
 
-/// The disturbance of one tree, `air` (of 3 numbers or none) included.
+/// A disturbance with `air`, of 3 numbers or none.
 #[inline(always)]
-pub(crate) fn disturbance<S: Scalar, T: Task>(
-    task: &T,
-    view: &View<'_, S>,
-    tree: usize,
-    air: &StridedView<'_, S>,
-    n_air: usize,
-) -> [S; 9] {
-    let mut own = task.disturb(view, tree);
+pub(crate) fn with_air<S: Scalar>(mut own: [S; 9], air: &StridedView<'_, S>, n_air: usize) -> [S; 9] {
     for k in 0..n_air {
         own[k] += air.get(k);
     }
@@ -202,7 +187,7 @@ impl<T: Task> RegisterKernel for (&T, Disturb<'_>) {
         for tree in 0..rows.len() {
             let view = view::<L>(task.robot(), task.horizon() as f64, block, &work.frames, &work.speeds, at);
             let air = L::rows(&block.air, at);
-            let own = disturbance(task, &view, tree, &air, block.air.len());
+            let own = with_air(task.disturb(&view, tree), &air, block.air.len());
             let mut input = L::rows_mut(&mut block.plant.rows, at);
             for k in 0..9 {
                 input.set(rows[tree] + k, own[k]);

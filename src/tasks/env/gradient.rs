@@ -19,7 +19,7 @@ use super::Env;
 use super::block::{Columns, EnvBlock, Workspace, episode_state};
 use super::mask::lanes_of;
 use super::sensing::{POSE, SLOPE, Sloped};
-use super::transition::StepLayout;
+use super::transition::{self, StepLayout};
 use crate::autodiff::Program;
 use crate::autodiff::lanes::{to_columns, to_rows};
 use crate::autodiff::program::{BLOCK, BlockWorkspace};
@@ -408,7 +408,7 @@ impl Env {
     /// have their corners.
     pub fn ideal_arguments(&self) -> Vec<f64> {
         let (core, p) = (&self.core, self.layout());
-        let ideal = core.engine.ideal(core);
+        let ideal = transition::ideal(core);
         let mut z = vec![0.0; p.n_argument()];
         z[p.state].copy_from_slice(&ideal.state);
         z[p.task_state].copy_from_slice(&ideal.task_state);

@@ -69,7 +69,7 @@ use self::residual::{Residual, check_reference};
 use self::sensing::Sensing;
 use self::spec::spec_of;
 use self::stepper::Stepper;
-use self::transition::{config_hash, exposed};
+use self::transition::{config_hash, exposed, ideal_terms, reference};
 use crate::autodiff::lanes::{first_lanes, to_rows};
 use crate::autodiff::program::BLOCK;
 use crate::dynamics::Physics;
@@ -81,7 +81,7 @@ use crate::error::{Error, Result, finite};
 use crate::parallel::Threads;
 use crate::rng::{Purpose, Stream};
 use crate::tasks::config::{EnvConfig, check_difficulty};
-use crate::tasks::declare::declare;
+use crate::tasks::any_task::declare;
 use crate::tasks::observation::{Extent, Pipeline, Statistics};
 use crate::tasks::randomise::Randomiser;
 use crate::tasks::task::{MAX_ENDS, MAX_TERMS, Task, TaskReference};
@@ -135,6 +135,10 @@ impl Env {
     /// [`Error::Limit`] before any large allocation if the batch needs more than
     /// [`EnvConfig::memory_limit`]; [`Error::Value`] for settings that do not fit the task.
     pub fn of(task: impl Task, name: &str, config: &EnvConfig) -> Result<Self> {
+        Self::of_engine(Box::new(task), name, config)
+    }
+
+    fn of_engine(engine: Box<dyn Engine>, name: &str, config: &EnvConfig) -> Result<Self> {
         // what a configuration leaves to the task, a task of one's own leaves out
         let config = &EnvConfig {
             randomise: Some(config.changes().to_vec()),
@@ -142,20 +146,14 @@ impl Env {
             ..config.clone()
         };
         config.validate()?;
-        EnvConfig::check_horizon(task.horizon())?;
-        let task_spec = declare(&task)?;
-        let counts =
-            [("terms of the reward", task_spec.reward.len(), MAX_TERMS), ("ends", task_spec.ends.len(), MAX_ENDS)];
-        for (what, n, most) in counts {
+        EnvConfig::check_horizon(engine.horizon())?;
+        let own = declare(&*engine)?;
+        for (what, n, most) in [("terms of the reward", own.reward.len(), MAX_TERMS), ("ends", own.ends.len(), MAX_ENDS)] {
             if n > most {
                 return Err(Error::limit(format!("task {name}: {what}"), n, most, "Sum some of them."));
             }
         }
-        Self::of_engine(Box::new((task, task_spec)), name, config)
-    }
-
-    fn of_engine(engine: Box<dyn Engine>, name: &str, config: &EnvConfig) -> Result<Self> {
-        let (robot, own) = (engine.robot(), engine.task_spec());
+        let robot = engine.robot();
         let randomiser = Randomiser::new(config.changes(), robot)?;
         let mut varied: Vec<usize> = robot.varied().iter().copied().chain(randomiser.varied()).collect();
         varied.sort_unstable();
@@ -206,12 +204,12 @@ impl Env {
         let speeds = robot.drones().iter().flat_map(|d| d.rotors.iter().map(|r| r.speed)).collect();
         let disturbance_rows = robot.disturbances().iter().map(|k| plant.input_row(*k)).collect();
         let privileged = theta.into_iter().map(|(name, value, _)| (name, value)).collect();
-        let spec = spec_of(name, config, &*engine, &sizes, &pipeline, &control, privileged, bytes);
+        let spec = spec_of(name, config, engine.horizon(), &own, &sizes, &pipeline, &control, privileged, bytes);
         let statistics = Statistics::of_nothing(sizes.normalised);
         let rest = robot.rest().to_vec();
         let (limits, hover_input) = (config.bounds.limits(robot.plant()), robot.hover_input());
         let core = Core {
-            exposed: exposed(&*engine, !varied.is_empty()),
+            exposed: exposed(robot, !varied.is_empty()),
             statistics: statistics.clone(),
             frozen: Arc::default(),
             collects: true,
@@ -222,6 +220,7 @@ impl Env {
             first_environment: config.first_environment,
             config_hash: config_hash(name, config, &varied),
             program: OnceLock::new(),
+            task_spec: own,
             engine,
             plant,
             control,
@@ -543,7 +542,7 @@ impl Env {
     /// The summands of the reward in a state that the task calls ideal: their sum comes within 1e-6 of
     /// [`Spec::reward_bound`], effort aside.
     pub fn ideal_terms(&self) -> Vec<f64> {
-        self.core.engine.ideal_terms(&self.core)
+        ideal_terms(&self.core)
     }
 
     /// What our controllers track from the state of one environment on, where an episode begins, if references can say
@@ -554,7 +553,7 @@ impl Env {
     pub fn reference(&self, environment: usize) -> Result<Option<TaskReference>> {
         let exact = |numbers: Vec<f32>| numbers.into_iter().map(f64::from).collect::<Vec<f64>>();
         let (state, goal) = (exact(self.state(environment)?), exact(self.goal(environment)?));
-        Ok(self.core.engine.reference(&self.core, &state, &goal))
+        Ok(reference(&self.core, &state, &goal))
     }
 
     /// Of one name, configuration and varied numbers: what fits one such environment fits the other.
@@ -575,7 +574,7 @@ impl Env {
 
     /// What the task says about itself.
     pub fn task_spec(&self) -> &TaskSpec {
-        self.core.engine.task_spec()
+        &self.core.task_spec
     }
 
     /// Every environment has begun an episode.

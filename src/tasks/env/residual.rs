@@ -8,6 +8,7 @@ use super::block::take;
 use super::block::{EnvBlock, episode_state};
 use super::core::Core;
 use super::mask::lanes_of;
+use super::transition;
 use crate::autodiff::program::BLOCK;
 use crate::controllers::cascade::Level;
 use crate::error::{Error, Result};
@@ -94,7 +95,7 @@ impl Lead {
 fn reference(core: &Core, beginning: &[[f32; BLOCK]], lane: usize) -> TaskReference {
     let numbers: Vec<f64> = beginning.iter().map(|row| f64::from(row[lane])).collect();
     let (state, goal) = numbers.split_at(core.robot().n_state());
-    core.engine.reference(core, state, goal).unwrap_or(TaskReference::point([0.0; 3], 0.0))
+    transition::reference(core, state, goal).unwrap_or(TaskReference::point([0.0; 3], 0.0))
 }
 
 /// Refuses a task that says nothing for controllers to track.
@@ -102,8 +103,8 @@ fn reference(core: &Core, beginning: &[[f32; BLOCK]], lane: usize) -> TaskRefere
 /// # Errors
 /// [`Error::Value`].
 pub(crate) fn check_reference(core: &Core, task: &str) -> Result<()> {
-    let ideal = core.engine.ideal(core);
-    if core.residual.is_none() || core.engine.reference(core, &ideal.state, &ideal.goal).is_some() {
+    let ideal = transition::ideal(core);
+    if core.residual.is_none() || transition::reference(core, &ideal.state, &ideal.goal).is_some() {
         return Ok(());
     }
     let limit = "a task with a reference that controllers track";

@@ -88,7 +88,7 @@ impl Stepper<'_> {
     /// What tasks show, and behind it what sensors read.
     fn show_all(&mut self, lanes: u64) {
         let s = &self.core.sizes;
-        self.core.engine.observe(s, self.block, self.work, lanes);
+        self.core.engine.observe_lanes(s, self.block, self.work, lanes);
         for agent in 0..s.agent {
             let rows = &mut self.work.raw[agent * s.raw..][s.raw - s.reading..s.raw];
             rows.copy_from_slice(&self.block.readings[agent * s.reading..][..s.reading]);
@@ -148,7 +148,7 @@ impl Phases for Stepper<'_> {
     }
 
     fn disturb(&mut self) {
-        self.core.engine.disturb(self.block, self.work, &self.core.disturbance_rows);
+        self.core.engine.disturb_lanes(self.block, self.work, &self.core.disturbance_rows);
     }
 
     fn steer(&mut self, k: usize) {
@@ -178,7 +178,7 @@ impl Phases for Stepper<'_> {
     }
 
     fn evaluate_step(&mut self) {
-        self.core.engine.evaluate_step(self.core, self.block, self.work);
+        self.core.engine.evaluate_lanes(self.core, self.block, self.work);
         let signals = &self.work.signals;
         self.ended = (ones(&signals[signal::TERMINATED]) | ones(&signals[signal::TRUNCATED])) & self.running;
     }

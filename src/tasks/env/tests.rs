@@ -79,7 +79,7 @@ fn judging_and_observing_in_lanes_keep_their_speed() {
     let (core, block, mut work) = (&env.core, &mut env.blocks[0], env.core.workspace());
     core.plant.frames(&block.plant, u64::MAX, &mut work.frames);
     let measured = Measured { avx512: 10.4, avx2: 6.83 };
-    keeps("Hover judged", &measured, || core.engine.evaluate_step(core, block, &mut work));
+    keeps("Hover judged", &measured, || core.engine.evaluate_lanes(core, block, &mut work));
     let measured = Measured { avx512: 9.6, avx2: 4.99 };
-    keeps("Hover observed", &measured, || core.engine.observe(&core.sizes, block, &mut work, u64::MAX));
+    keeps("Hover observed", &measured, || core.engine.observe_lanes(&core.sizes, block, &mut work, u64::MAX));
 }

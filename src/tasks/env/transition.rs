@@ -1,23 +1,24 @@
-//! One step of one environment over any scalar, without restarts: the function that gradients are taken of. Recorded once it
-//! gives the adjoint that runs in lanes; duals through the recording give Jacobians.
+//! One step of one environment as a recording, without restarts: the function that gradients are taken of. It gives the
+//! adjoint that runs in lanes; duals through the recording give Jacobians.
 
 use super::control::clipped;
 use super::core::Core;
 use super::engine::Engine;
-use super::evaluate_step::{disturbance, observe, sum};
+use super::evaluate_step::{sum, with_air};
 use super::restart::Draft;
 use super::sensing::POSE;
 use super::spec::fnv;
 use super::step::{Phases, step};
 use super::transform::shift;
-use crate::autodiff::{Scalar, StridedView, StridedViewMut, System};
+use crate::autodiff::{Scalar, StridedView, StridedViewMut, System, Trace};
 use crate::dynamics::Plant;
 use crate::dynamics::frame::FRAME;
+use crate::tasks::any_task::Snapshot;
 use crate::tasks::config::EnvConfig;
-use crate::tasks::declare::loss_of;
+use crate::tasks::declare::Declaration;
 use crate::tasks::observation::{Frozen, Moment};
 use crate::tasks::robot::Robot;
-use crate::tasks::task::{MAX_TERMS, Task, View, streams};
+use crate::tasks::task::{TaskReference, View, streams};
 use std::ops::Range;
 
 /// Where everything stands among the arguments and results of a step that gradients are taken of.
@@ -164,48 +165,40 @@ pub(crate) fn config_hash(name: &str, config: &EnvConfig, varied: &[usize]) -> u
 }
 
 /// What a task calls ideal.
-pub(crate) fn ideal<T: Task>(task: &T, core: &Core) -> Draft {
+pub(crate) fn ideal(core: &Core) -> Draft {
     let mut own = Draft::new(core);
     let mut start = own.start(core, streams(0, 0, 0), f64::INFINITY, 1.0);
-    task.ideal(&mut start);
+    core.engine.ideal(&mut start);
     own
 }
 
-/// The summands of the reward in the task's ideal state, in `f64`.
-pub(crate) fn ideal_terms<T: Task>(task: &T, core: &Core) -> Vec<f64> {
-    let (robot, s) = (task.robot(), &core.sizes);
-    let Draft { state, goal, task_state, numbers } = ideal(task, core);
-    let mut frames = vec![0.0; robot.n_frame() * FRAME];
-    core.exposed.write_frames(&numbers, &state, &mut frames);
-    let speeds: Vec<f64> = core.speed_rows.iter().map(|k| state[*k]).collect();
-    let view = view(robot, &state, &frames, &speeds, &goal, &task_state, 0.0, 0.0);
-    let mut terms = vec![0.0; s.term];
-    task.reward(&view, &mut StridedViewMut::of(&mut terms).writer(0));
-    terms
+/// The summands of the reward in the task's ideal state.
+pub(crate) fn ideal_terms(core: &Core) -> Vec<f64> {
+    let Draft { state, goal, task_state, numbers } = ideal(core);
+    let seen = Snapshot::of(core.robot(), &core.exposed, &numbers, &state, &goal, task_state);
+    seen.ask(core.robot(), |view| {
+        let mut terms = Declaration::<Trace>::default();
+        core.engine.reward(view, &mut terms);
+        terms.numbers.iter().map(|x| x.known().unwrap_or(f64::NAN)).collect()
+    })
 }
 
-/// Frames, rotor speeds and a blank task state of a state with nominal numbers.
-pub(crate) fn first_sight(core: &Core, state: &[f64]) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
-    let mut frames = vec![0.0; core.engine.robot().n_frame() * FRAME];
-    core.exposed.write_frames(&core.nominal, state, &mut frames);
-    (frames, core.speed_rows.iter().map(|k| state[*k]).collect(), vec![0.0; core.sizes.task_state])
+/// What controllers track in an episode that begins so.
+pub(crate) fn reference(core: &Core, state: &[f64], goal: &[f64]) -> Option<TaskReference> {
+    let blank = vec![0.0; core.sizes.task_state];
+    let seen = Snapshot::of(core.robot(), &core.exposed, &core.nominal, state, goal, blank);
+    core.engine.reference(&seen.view(core.robot()))
 }
 
-/// What a transition needs of the core, without the task.
-pub(crate) struct Setting<'a> {
-    pub core: &'a Core,
-    pub layout: &'a StepLayout,
-}
-
-/// `y` = step of `z`; see [`StepLayout`].
-pub(crate) fn transition<S: Scalar, T: Task>(task: &T, setting: &Setting<'_>, z: &[S], y: &mut [S]) {
-    let (core, p) = (setting.core, setting.layout);
-    let (s, zero) = (&core.sizes, S::zero());
+/// Results of a step with arguments `z`; see [`StepLayout`].
+pub(crate) fn transition(core: &Core, p: &StepLayout, z: &[Trace]) -> Vec<Trace> {
+    let (s, zero) = (&core.sizes, Trace::zero());
+    let mut y = vec![zero; p.n_result()];
     let (carried, seen) = y.split_at_mut(p.n_carried());
     carried.copy_from_slice(&z[..p.n_carried()]);
     let mut one = Single {
         core,
-        task,
+        task: &*core.engine,
         p,
         z,
         carried,
@@ -215,58 +208,68 @@ pub(crate) fn transition<S: Scalar, T: Task>(task: &T, setting: &Setting<'_>, z:
         speeds: Vec::new(),
         commands: z[p.action.clone()].to_vec(),
         held: vec![zero; s.held],
-        input: vec![zero; task.robot().n_input()],
+        input: vec![zero; core.robot().n_input()],
         step: z[p.time.start],
         goal: &p.goal,
-        terms: [zero; MAX_TERMS],
+        terms: Vec::new(),
     };
     step(core, &mut one);
     one.goal = &p.goal;
-    let loss = loss_of(task, &one.view(), core.bounds.loss);
+    let loss = one.task.loss(&one.view()).sum.cut(core.bounds.loss);
     one.seen[p.reward - p.n_carried()] = sum(&StridedView::of(&one.terms), s.term);
     one.seen[p.loss - p.n_carried()] = loss;
+    y
 }
 
 /// One environment in a step.
-struct Single<'a, S, T> {
+struct Single<'a> {
     core: &'a Core,
-    task: &'a T,
+    task: &'a dyn Engine,
     p: &'a StepLayout,
-    z: &'a [S],
+    z: &'a [Trace],
     /// Results: what is carried, as it is now, and what comes behind it.
-    carried: &'a mut [S],
-    seen: &'a mut [S],
-    numbers: Vec<S>,
-    frames: Vec<S>,
-    speeds: Vec<S>,
-    commands: Vec<S>,
-    held: Vec<S>,
-    input: Vec<S>,
-    step: S,
+    carried: &'a mut [Trace],
+    seen: &'a mut [Trace],
+    numbers: Vec<Trace>,
+    frames: Vec<Trace>,
+    speeds: Vec<Trace>,
+    commands: Vec<Trace>,
+    held: Vec<Trace>,
+    input: Vec<Trace>,
+    step: Trace,
     goal: &'a Range<usize>,
-    terms: [S; MAX_TERMS],
+    terms: Vec<Trace>,
 }
 
-impl<S: Scalar, T: Task> Single<'_, S, T> {
-    fn state(&self) -> &[S] {
+impl Single<'_> {
+    fn state(&self) -> &[Trace] {
         &self.carried[self.p.state.clone()]
     }
 
-    fn view(&self) -> View<'_, S> {
+    fn view(&self) -> View<'_, Trace> {
         let (robot, goal, task_state) =
             (self.task.robot(), &self.z[self.goal.clone()], &self.carried[self.p.task_state.clone()]);
-        let clock = (self.step + self.z[self.p.time.start + 1]) * S::constant(1.0 / self.task.horizon() as f64);
-        view(robot, self.state(), &self.frames, &self.speeds, goal, task_state, self.step, clock)
+        let clock = (self.step + self.z[self.p.time.start + 1]) * Trace::constant(1.0 / self.task.horizon() as f64);
+        View {
+            robot,
+            state: StridedView::of(self.state()),
+            frames: StridedView::of(&self.frames),
+            speeds_before: StridedView::of(&self.speeds),
+            goal: StridedView::of(goal),
+            task_state: StridedView::of(task_state),
+            step: self.step,
+            clock,
+        }
     }
 }
 
-impl<S: Scalar, T: Task> Phases for Single<'_, S, T> {
+impl Phases for Single<'_> {
     fn command(&mut self) {
         let (control, s) = (&self.core.control, &self.core.sizes);
         for (k, command) in self.commands.iter_mut().enumerate() {
             let (agent, own) = (k / control.n_command, k % control.n_command);
             let moves = own < control.n_command_of[agent];
-            *command = if moves { clipped(*command, control.safe[k]).0 } else { S::zero() };
+            *command = if moves { clipped(*command, control.safe[k]).0 } else { Trace::zero() };
         }
         if s.delay > 0 {
             let (mut line, delay) =
@@ -284,7 +287,7 @@ impl<S: Scalar, T: Task> Phases for Single<'_, S, T> {
     fn disturb(&mut self) {
         let air = StridedView::of(&self.z[self.p.wind.clone()]);
         for (tree, first) in self.task.robot().disturbances().into_iter().enumerate() {
-            let own = disturbance(self.task, &self.view(), tree, &air, self.p.wind.len());
+            let own = with_air(self.task.disturb(&self.view(), tree), &air, self.p.wind.len());
             self.input[first..first + own.len()].copy_from_slice(&own);
         }
     }
@@ -310,15 +313,15 @@ impl<S: Scalar, T: Task> Phases for Single<'_, S, T> {
     }
 
     fn evaluate_step(&mut self) {
-        self.step += S::one();
+        self.step += Trace::one();
         if !self.p.task_state.is_empty() {
-            let mut task_state = vec![S::zero(); self.p.task_state.len()];
-            self.task.remember(&self.view(), &mut StridedViewMut::of(&mut task_state).writer(0));
-            self.carried[self.p.task_state.clone()].copy_from_slice(&task_state);
+            let mut task_state = Declaration::default();
+            self.task.remember(&self.view(), &mut task_state);
+            self.carried[self.p.task_state.clone()].copy_from_slice(&task_state.numbers);
         }
-        let mut terms = self.terms;
-        self.task.reward(&self.view(), &mut StridedViewMut::of(&mut terms).writer(0));
-        self.terms = terms;
+        let mut terms = Declaration::default();
+        self.task.reward(&self.view(), &mut terms);
+        self.terms = terms.numbers;
     }
 
     fn change_goals(&mut self) {
@@ -327,28 +330,25 @@ impl<S: Scalar, T: Task> Phases for Single<'_, S, T> {
 
     fn observe(&mut self) {
         let (s, begin) = (&self.core.sizes, self.p.central.start - self.p.n_carried());
-        let mut raw = vec![S::zero(); s.agent * s.raw + s.central];
-        observe(self.task, s, &self.view(), &mut StridedViewMut::of(&mut raw));
-        if s.central > 0 {
-            self.task.central(&self.view(), &mut StridedViewMut::of(&mut raw).writer(s.agent * s.raw));
-        }
         for agent in 0..s.agent {
+            let mut own = Declaration::default();
+            self.task.observe(&self.view(), agent, &mut own);
             let read = &self.z[self.p.readings.clone()][agent * s.reading..][..s.reading];
-            raw[agent * s.raw..][s.raw - s.reading..s.raw].copy_from_slice(read);
+            let row = &mut self.seen[agent * s.observation..][..s.raw];
+            row[..own.numbers.len()].copy_from_slice(&own.numbers);
+            row[s.raw - s.reading..].copy_from_slice(read);
         }
-        let (raw, central) = raw.split_at(s.agent * s.raw);
-        for agent in 0..s.agent {
-            self.seen[agent * s.observation..][..s.raw].copy_from_slice(&raw[agent * s.raw..][..s.raw]);
-        }
-        self.seen[begin..begin + s.central].copy_from_slice(central);
+        let mut central = Declaration::default();
+        self.task.central(&self.view(), &mut central);
+        self.seen[begin..begin + s.central].copy_from_slice(&central.numbers);
     }
 
     fn transform(&mut self) {
         let (pipeline, s, z, p) = (&self.core.pipeline, &self.core.sizes, self.z, self.p);
         for agent in 0..s.agent {
             let moment = Moment {
-                moved: S::zero().lt(S::one()),
-                fresh: S::one().lt(S::zero()),
+                moved: Trace::zero().lt(Trace::one()),
+                fresh: Trace::one().lt(Trace::zero()),
                 noise: StridedView::of(&z[p.noise.start + agent * pipeline.noise..]),
                 theta: StridedView::of(&z[p.parameters.clone()]),
                 statistics: Frozen::Arguments(StridedView::of(&z[p.statistics.clone()])),
@@ -361,39 +361,16 @@ impl<S: Scalar, T: Task> Phases for Single<'_, S, T> {
 }
 
 /// All physical numbers: nominal ones, with those that vary in their places.
-fn numbers<S: Scalar>(core: &Core, theta: &[S]) -> Vec<S> {
-    let mut numbers: Vec<S> = core.nominal.iter().map(|x| S::constant(*x)).collect();
+fn numbers(core: &Core, theta: &[Trace]) -> Vec<Trace> {
+    let mut numbers: Vec<Trace> = core.nominal.iter().map(|x| Trace::constant(*x)).collect();
     for (k, value) in core.varied.iter().zip(theta) {
         numbers[*k] = *value;
     }
     numbers
 }
 
-#[expect(clippy::too_many_arguments, reason = "the parts of a view, named at its only callers")]
-pub(crate) fn view<'a, S: Scalar>(
-    robot: &'a Robot,
-    state: &'a [S],
-    frames: &'a [S],
-    speeds: &'a [S],
-    goal: &'a [S],
-    task_state: &'a [S],
-    step: S,
-    clock: S,
-) -> View<'a, S> {
-    View {
-        robot,
-        state: StridedView::of(state),
-        frames: StridedView::of(frames),
-        speeds_before: StridedView::of(speeds),
-        goal: StridedView::of(goal),
-        task_state: StridedView::of(task_state),
-        step,
-        clock,
-    }
-}
-
 /// The robot's system with the numbers that vary as parameters, if any do.
-pub(crate) fn exposed(engine: &dyn Engine, varies: bool) -> Plant {
-    let plant = engine.robot().plant().clone();
+pub(crate) fn exposed(robot: &Robot, varies: bool) -> Plant {
+    let plant = robot.plant().clone();
     if varies { plant.with_parameters() } else { plant }
 }

@@ -1,0 +1,294 @@
+//! A task behind a pointer. What is asked once per environment or recording is compiled once here, and not per task: a
+//! task's formulas are there over [`Trace`] alone, which declarations, ideal states and recordings share.
+
+use super::declare::{Declaration, DeclaredLoss, Goal, Sum};
+use super::robot::Robot;
+use super::settings::{Setting, filled};
+use super::task::{Start, Task, TaskReference, View, streams};
+use super::task_spec::{End, Field, Metric, Success, TaskSpec, Term, total};
+use crate::autodiff::trace::on_constants;
+use crate::autodiff::{Scalar, StridedView, Trace};
+use crate::dynamics::Plant;
+use crate::dynamics::frame::FRAME;
+use crate::dynamics::scene::Scene;
+use crate::error::{Error, Result};
+
+/// [`Task`] without types of its own; see there.
+pub(crate) trait AnyTask: Send + Sync {
+    fn robot(&self) -> &Robot;
+    fn horizon(&self) -> usize;
+    fn n_agent(&self) -> usize;
+    fn settings(&self) -> Vec<Setting>;
+    fn about(&self) -> &'static str;
+    fn success_rule(&self) -> Success;
+    fn scene(&self) -> Scene;
+    fn place_scene(&self, goal: &[f64], placement: &mut [f64]);
+    fn start(&self, start: &mut Start<'_>);
+    fn event(&self, start: &mut Start<'_>);
+    fn ideal(&self, start: &mut Start<'_>);
+    fn reference(&self, view: &View<'_, f64>) -> Option<TaskReference>;
+    fn disturb(&self, view: &View<'_, Trace>, tree: usize) -> [Trace; 9];
+    fn remember(&self, view: &View<'_, Trace>, out: &mut Declaration<Trace>);
+    fn observe(&self, view: &View<'_, Trace>, agent: usize, out: &mut Declaration<Trace>);
+    fn central(&self, view: &View<'_, Trace>, out: &mut Declaration<Trace>);
+    fn reward(&self, view: &View<'_, Trace>, out: &mut Declaration<Trace>);
+    fn metrics(&self, view: &View<'_, Trace>, out: &mut Declaration<Trace>);
+    fn ends(&self, view: &View<'_, Trace>) -> Vec<End>;
+    fn loss(&self, view: &View<'_, Trace>) -> DeclaredLoss<Trace>;
+}
+
+impl<T: Task> AnyTask for T {
+    fn robot(&self) -> &Robot {
+        Task::robot(self)
+    }
+    fn horizon(&self) -> usize {
+        Task::horizon(self)
+    }
+    fn n_agent(&self) -> usize {
+        Task::n_agent(self)
+    }
+    fn settings(&self) -> Vec<Setting> {
+        Task::settings(self)
+    }
+    fn about(&self) -> &'static str {
+        Task::about(self)
+    }
+    fn success_rule(&self) -> Success {
+        Task::success_rule(self)
+    }
+    fn scene(&self) -> Scene {
+        Task::scene(self)
+    }
+    fn place_scene(&self, goal: &[f64], placement: &mut [f64]) {
+        Task::place_scene(self, goal, placement);
+    }
+    fn start(&self, start: &mut Start<'_>) {
+        Task::start(self, start);
+    }
+    fn event(&self, start: &mut Start<'_>) {
+        Task::event(self, start);
+    }
+    fn ideal(&self, start: &mut Start<'_>) {
+        Task::ideal(self, start);
+    }
+    fn reference(&self, view: &View<'_, f64>) -> Option<TaskReference> {
+        Task::reference(self, view)
+    }
+    fn disturb(&self, view: &View<'_, Trace>, tree: usize) -> [Trace; 9] {
+        Task::disturb(self, view, tree)
+    }
+    fn remember(&self, view: &View<'_, Trace>, out: &mut Declaration<Trace>) {
+        Task::remember(self, view, out);
+    }
+    fn observe(&self, view: &View<'_, Trace>, agent: usize, out: &mut Declaration<Trace>) {
+        Task::observe(self, view, agent, out);
+    }
+    fn central(&self, view: &View<'_, Trace>, out: &mut Declaration<Trace>) {
+        Task::central(self, view, out);
+    }
+    fn reward(&self, view: &View<'_, Trace>, out: &mut Declaration<Trace>) {
+        Task::reward(self, view, out);
+    }
+    fn metrics(&self, view: &View<'_, Trace>, out: &mut Declaration<Trace>) {
+        Task::metrics(self, view, out);
+    }
+    fn ends(&self, view: &View<'_, Trace>) -> Vec<End> {
+        let mut ends = Vec::new();
+        Task::ends(self, view, &mut ends);
+        ends
+    }
+    fn loss(&self, view: &View<'_, Trace>) -> DeclaredLoss<Trace> {
+        let mut loss = DeclaredLoss { formulas: Vec::new(), sum: Sum::new() };
+        Task::loss(self, view, &mut loss);
+        loss
+    }
+}
+
+/// The numbers of a view of one environment.
+pub(crate) struct Snapshot<S> {
+    pub state: Vec<S>,
+    pub frames: Vec<S>,
+    pub speeds: Vec<S>,
+    pub goal: Vec<S>,
+    pub task_state: Vec<S>,
+}
+
+impl Snapshot<f64> {
+    /// Where an episode begins so.
+    pub(crate) fn of(
+        robot: &Robot,
+        plant: &Plant,
+        numbers: &[f64],
+        state: &[f64],
+        goal: &[f64],
+        task_state: Vec<f64>,
+    ) -> Self {
+        let mut frames = vec![0.0; robot.n_frame() * FRAME];
+        plant.write_frames(numbers, state, &mut frames);
+        let rotors = robot.drones().iter().flat_map(|d| &d.rotors);
+        let speeds = rotors.map(|r| state[r.speed]).collect();
+        Self { state: state.to_vec(), frames, speeds, goal: goal.to_vec(), task_state }
+    }
+
+    /// As constants of a recording.
+    fn recorded(&self) -> Snapshot<Trace> {
+        let constants = |x: &[f64]| x.iter().map(|x| Trace::constant(*x)).collect();
+        Snapshot {
+            state: constants(&self.state),
+            frames: constants(&self.frames),
+            speeds: constants(&self.speeds),
+            goal: constants(&self.goal),
+            task_state: constants(&self.task_state),
+        }
+    }
+
+    /// What `ask` makes of the view as constants.
+    pub(crate) fn ask<R>(&self, robot: &Robot, ask: impl FnOnce(&View<'_, Trace>) -> R) -> R {
+        on_constants(|| ask(&self.recorded().view(robot)))
+    }
+}
+
+impl<S: Scalar> Snapshot<S> {
+    /// In the first step.
+    pub(crate) fn view<'a>(&'a self, robot: &'a Robot) -> View<'a, S> {
+        View {
+            robot,
+            state: StridedView::of(&self.state),
+            frames: StridedView::of(&self.frames),
+            speeds_before: StridedView::of(&self.speeds),
+            goal: StridedView::of(&self.goal),
+            task_state: StridedView::of(&self.task_state),
+            step: S::zero(),
+            clock: S::zero(),
+        }
+    }
+}
+
+/// Most numbers that a task keeps from step to step.
+pub(crate) const MAX_TASK_STATE: usize = 256;
+
+/// An episode that a task began: physics, and the goal with its names.
+struct Begun {
+    state: Vec<f64>,
+    numbers: Vec<f64>,
+    goal: Vec<f64>,
+    fields: Vec<Field>,
+}
+
+fn begun(robot: &Robot, begin: impl FnOnce(&mut Start<'_>)) -> Begun {
+    let (mut state, mut numbers) = (robot.rest().to_vec(), robot.parameters());
+    let (mut goal, mut task_state) = (Vec::new(), vec![0.0; MAX_TASK_STATE]);
+    let [reset, draws, once] = streams(0, 0, 0);
+    let mut start = Start {
+        robot,
+        state: &mut state,
+        goal: Goal::named(&mut goal),
+        task_state: &mut task_state,
+        numbers: &mut numbers,
+        reset,
+        task: draws,
+        once,
+        event_at: f64::INFINITY,
+        difficulty: 1.0,
+    };
+    begin(&mut start);
+    let fields = start.goal.fields();
+    Begun { state, numbers, goal, fields }
+}
+
+/// Lets a task write everything once, in its ideal state, and keeps what it said.
+///
+/// # Errors
+/// [`Error::Value`] for numbers without a name or under a name twice, for a summand or figure of more than one number, for
+/// goals that starts and the ideal write differently, for a success by a figure that is none; [`Error::Limit`] above
+/// [`MAX_TASK_STATE`].
+pub(crate) fn declare(task: &dyn AnyTask) -> Result<TaskSpec> {
+    let robot = task.robot();
+    let (started, ideal) = (begun(robot, |start| task.start(start)), begun(robot, |start| task.ideal(start)));
+    if started.fields != ideal.fields {
+        let names =
+            |fields: &[Field]| fields.iter().map(|f| format!("{} ({})", f.name, f.size)).collect::<Vec<_>>().join(", ");
+        let (own, other) = (names(&started.fields), names(&ideal.fields));
+        return Err(Error::value("goal of a start", own, format!("that of the ideal: {other}"), "Write both alike."));
+    }
+    let Begun { state, numbers, goal, fields } = ideal;
+    let seen = Snapshot::of(robot, robot.plant(), &numbers, &state, &goal, vec![0.0; MAX_TASK_STATE]);
+    seen.ask(robot, |view| declared(task, view, fields))
+}
+
+fn declared(task: &dyn AnyTask, view: &View<'_, Trace>, goal: Vec<Field>) -> Result<TaskSpec> {
+    let settings = task.settings();
+    let list = |what: &str, write: &dyn Fn(&mut Declaration<Trace>)| {
+        let mut writer = Declaration::default();
+        write(&mut writer);
+        named(what, writer.fields, &settings)
+    };
+    let kept = list("task state", &|out| task.remember(view, out))?;
+    if total(&kept) > MAX_TASK_STATE {
+        return Err(Error::limit("numbers of the task state", total(&kept), MAX_TASK_STATE, "Keep fewer."));
+    }
+    let metrics = single("figure", list("figure", &|out| task.metrics(view, out))?)?;
+    let metrics: Vec<Metric> = metrics.into_iter().map(|f| Metric { name: f.name, unit: f.unit }).collect();
+    let term =
+        |f: Field| Term { name: f.name, formula: f.meaning, low: f.low, bound: f.high, smoothness: f.smoothness };
+    let reward = single("summand of the reward", list("summand of the reward", &|out| task.reward(view, out))?)?;
+    let (mut ends, DeclaredLoss { formulas: mut loss, .. }) = (task.ends(view), task.loss(view));
+    ends.iter_mut().for_each(|end| end.condition = filled(&end.condition, &settings));
+    loss.iter_mut().for_each(|formula| *formula = filled(formula, &settings));
+    let mut success = task.success_rule();
+    success.also = filled(&success.also, &settings);
+    for limit in &mut success.limits {
+        let metric = metrics.iter().find(|m| m.name == limit.metric).ok_or_else(|| Error::Unknown {
+            kind: "figure of the task",
+            name: limit.metric.clone(),
+            known: metrics.iter().map(|m| m.name.clone()).collect(),
+        })?;
+        limit.unit.clone_from(&metric.unit);
+    }
+    let seen = (0..task.n_agent().max(1)).map(|agent| list("observation", &|out| task.observe(view, agent, out)));
+    let seen = seen.collect::<Result<Vec<_>>>()?;
+    let observation_of: Vec<usize> = seen.iter().map(|fields| total(fields)).collect();
+    let widest = observation_of.iter().copied().fold(0, usize::max);
+    let observation = seen.into_iter().find(|fields| total(fields) == widest).unwrap_or_default();
+    Ok(TaskSpec {
+        about: filled(task.about(), &settings),
+        observation,
+        observation_of,
+        central: list("central state", &|out| task.central(view, out))?,
+        reward: reward.into_iter().map(term).collect(),
+        ends,
+        metrics,
+        success,
+        loss,
+        goal: named("goal", goal, &settings)?,
+        task_state: kept,
+        settings,
+    })
+}
+
+/// Fields with the values of settings in their meanings, each with a name of its own.
+fn named(what: &str, mut fields: Vec<Field>, settings: &[Setting]) -> Result<Vec<Field>> {
+    for i in 0..fields.len() {
+        let name = &fields[i].name;
+        if name.is_empty() || fields[..i].iter().any(|f| f.name == *name) {
+            let remedy = "Call field(name, unit, meaning) before its numbers, once.";
+            return Err(Error::value(format!("name of a {what}"), format!("'{name}'"), "one of its own", remedy));
+        }
+        let Field { name, size, layout, .. } = &fields[i];
+        let shape = layout.shape(*size);
+        if shape.iter().product::<usize>() != *size {
+            let (what, limit) = (format!("shape of {what} '{name}'"), format!("of its {size} numbers"));
+            return Err(Error::value(what, format!("{shape:?}"), limit, "Write as many numbers as the shape has."));
+        }
+        fields[i].meaning = filled(&fields[i].meaning, settings);
+    }
+    Ok(fields)
+}
+
+/// Refuses fields of more than one number.
+fn single(what: &str, fields: Vec<Field>) -> Result<Vec<Field>> {
+    match fields.iter().find(|f| f.size != 1) {
+        None => Ok(fields),
+        Some(f) => Err(Error::value(format!("numbers of {what} '{}'", f.name), f.size, "1", "Name each number.")),
+    }
+}
