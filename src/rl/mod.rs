@@ -14,7 +14,6 @@
 //! | [`dqn`] | values of discrete actions; VDN and QMIX are settings of it |
 //! | [`algorithm`] | which algorithms there are, and how to add one's own |
 //! | `config`, [`recipes`] | what a run is made of, and what proved good for each task |
-//! | `renamed` | settings by their names of 0.1 |
 //! | `config_diff` | in which settings two runs differ |
 //! | [`trainer`] | the loop: update, log, evaluate, save, resume |
 //! | [`runs`] | several runs side by side, and what seeds say together |
@@ -98,7 +97,6 @@ pub(crate) mod priorities;
 pub(crate) mod recall;
 pub mod recipes;
 pub mod refine;
-pub(crate) mod renamed;
 pub mod replay;
 pub(crate) mod rollout;
 pub mod runs;
