@@ -228,7 +228,7 @@ fn sensors_read_without_allocating() {
     let list: Vec<_> = list.collect();
     let model = configurations::by_name("payload").unwrap();
     for plant in [
-        Plant::of_vehicle(&vehicles::hummingbird::vehicle(), Physics::default()).unwrap(),
+        Plant::of_vehicle(&vehicles::hummingbird(), Physics::default()).unwrap(),
         Plant::of_model(&model, Physics::default()).unwrap(),
     ] {
         let mut sensors = Aboard::new(&list, &plant).unwrap();
