@@ -25,7 +25,7 @@
 //! | [`planner`] | what can be flown at all, by plans through the simulator |
 //! | [`refine`] | how much more return an episode held than a policy took from it |
 //! | [`parts`] | what algorithms are built of, for one's own |
-//! | `learner` | what all algorithms have in common |
+//! | `learner`, `checks` | what all algorithms have in common |
 //! | [`nn`] | networks, distributions, Adam |
 //! | `window` | a window of steps and its exact gradient |
 //! | `shards` | a batch cut into parts that one thread steps |
@@ -71,6 +71,7 @@ pub mod actor_critic;
 pub mod algorithm;
 pub mod apg;
 pub mod checkpoint;
+pub(crate) mod checks;
 pub(crate) mod config;
 pub(crate) mod config_diff;
 pub(crate) mod critic;

@@ -53,7 +53,7 @@ fn a_look_up_reads_the_file_once() {
             begun.elapsed()
         });
         let took = took.min().unwrap();
-        println!("{}: {took:?}", entry.name);
+        // without optimisation 0.9 µs, of omav 2.8
         assert!(took.as_micros() < 200, "{}: {took:?}", entry.name);
     }
 }
