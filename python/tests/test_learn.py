@@ -8,7 +8,7 @@ from conftest import flown
 
 import omnidrones
 
-SMALL = {"evaluate": {"envs": 16}, "apg": {"n_env": 16, "window": 8, "updates": 6}, "horizon": 40, "log_every": 1}
+SMALL = {"evaluate": {"envs": 16}, "apg": {"n_env": 16, "horizon": 8, "updates": 6}, "horizon": 40, "log_every": 1}
 
 
 def test_a_policy_hovers_after_a_training_from_random_weights():

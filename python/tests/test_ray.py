@@ -79,7 +79,7 @@ def test_a_worker_that_is_killed_in_the_middle_is_replaced_and_nothing_is_lost(w
 
 
 def test_a_policy_of_ours_travels():
-    policy = omnidrones.train("Hover", apg={"updates": 2, "n_env": 16, "window": 8}, evaluate={"envs": 4}).policy
+    policy = omnidrones.train("Hover", apg={"updates": 2, "n_env": 16, "horizon": 8}, evaluate={"envs": 4}).policy
     rows = omnidrones.ray.Shards("Hover", 16, workers=2, seed=1)
     rows.reset()
     rollout = rows.rollout(policy, 3)

@@ -149,101 +149,71 @@ pub trait Scalar:
     }
 }
 
-impl Scalar for f64 {
-    type Mask = bool;
-    #[inline(always)]
-    fn constant(x: f64) -> Self {
-        x
-    }
-    #[inline(always)]
-    fn sqrt(self) -> Self {
-        f64::sqrt(self)
-    }
-    #[inline(always)]
-    fn sin_cos(self) -> (Self, Self) {
-        f64::sin_cos(self)
-    }
-    #[inline(always)]
-    fn exp(self) -> Self {
-        f64::exp(self)
-    }
-    #[inline(always)]
-    fn ln(self) -> Self {
-        f64::ln(self)
-    }
-    #[inline(always)]
-    fn tanh(self) -> Self {
-        f64::tanh(self)
-    }
-    #[inline(always)]
-    fn atan2(self, x: Self) -> Self {
-        f64::atan2(self, x)
-    }
-    #[inline(always)]
-    fn lt(self, other: Self) -> bool {
-        self < other
-    }
-    #[inline(always)]
-    fn select(mask: bool, yes: Self, no: Self) -> Self {
-        if mask { yes } else { no }
-    }
-    #[inline(always)]
-    fn detach(self) -> Self {
-        self
-    }
-    #[inline(always)]
-    fn call(operation: &Operation, inputs: &[Self], outputs: &mut [Self]) {
-        operation.function().value(inputs, outputs);
-    }
+/// A number of the processor.
+macro_rules! plain {
+    ($t:ident, $call:ident) => {
+        impl Scalar for $t {
+            type Mask = bool;
+            #[inline(always)]
+            fn constant(x: f64) -> Self {
+                x as $t
+            }
+            #[inline(always)]
+            fn sqrt(self) -> Self {
+                $t::sqrt(self)
+            }
+            #[inline(always)]
+            fn sin_cos(self) -> (Self, Self) {
+                $t::sin_cos(self)
+            }
+            #[inline(always)]
+            fn exp(self) -> Self {
+                $t::exp(self)
+            }
+            #[inline(always)]
+            fn ln(self) -> Self {
+                $t::ln(self)
+            }
+            #[inline(always)]
+            fn tanh(self) -> Self {
+                $t::tanh(self)
+            }
+            #[inline(always)]
+            fn atan2(self, x: Self) -> Self {
+                $t::atan2(self, x)
+            }
+            #[inline(always)]
+            fn lt(self, other: Self) -> bool {
+                self < other
+            }
+            #[inline(always)]
+            fn select(mask: bool, yes: Self, no: Self) -> Self {
+                if mask { yes } else { no }
+            }
+            #[inline(always)]
+            fn detach(self) -> Self {
+                self
+            }
+            #[inline(always)]
+            fn call(operation: &Operation, inputs: &[Self], outputs: &mut [Self]) {
+                $call(operation, inputs, outputs);
+            }
+        }
+    };
 }
 
-impl Scalar for f32 {
-    type Mask = bool;
-    #[inline(always)]
-    fn constant(x: f64) -> Self {
-        x as f32
-    }
-    #[inline(always)]
-    fn sqrt(self) -> Self {
-        f32::sqrt(self)
-    }
-    #[inline(always)]
-    fn sin_cos(self) -> (Self, Self) {
-        f32::sin_cos(self)
-    }
-    #[inline(always)]
-    fn exp(self) -> Self {
-        f32::exp(self)
-    }
-    #[inline(always)]
-    fn ln(self) -> Self {
-        f32::ln(self)
-    }
-    #[inline(always)]
-    fn tanh(self) -> Self {
-        f32::tanh(self)
-    }
-    #[inline(always)]
-    fn atan2(self, x: Self) -> Self {
-        f32::atan2(self, x)
-    }
-    #[inline(always)]
-    fn lt(self, other: Self) -> bool {
-        self < other
-    }
-    #[inline(always)]
-    fn select(mask: bool, yes: Self, no: Self) -> Self {
-        if mask { yes } else { no }
-    }
-    #[inline(always)]
-    fn detach(self) -> Self {
-        self
-    }
-    fn call(operation: &Operation, inputs: &[Self], outputs: &mut [Self]) {
-        let mut scratch = Scratch::<f32, 256>::new();
-        let rows = scratch.of(inputs.len() + outputs.len());
-        rows[..inputs.len()].copy_from_slice(inputs);
-        operation.call_rows(1, rows);
-        outputs.copy_from_slice(&rows[inputs.len()..]);
-    }
+plain!(f64, call_exactly);
+plain!(f32, call_rounded);
+
+#[inline(always)]
+fn call_exactly(operation: &Operation, inputs: &[f64], outputs: &mut [f64]) {
+    operation.function().value(inputs, outputs);
+}
+
+fn call_rounded(operation: &Operation, inputs: &[f32], outputs: &mut [f32]) {
+    let mut scratch = Scratch::<f32, 256>::new();
+    let rows = scratch.of(inputs.len() + outputs.len());
+    rows[..inputs.len()].copy_from_slice(inputs);
+    operation.call_rows(1, rows);
+    outputs.copy_from_slice(&rows[inputs.len()..]);
 }

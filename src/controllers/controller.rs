@@ -133,54 +133,36 @@ pub trait Controller: Send {
     }
 }
 
+/// Methods that say what the value inside says.
+macro_rules! forward {
+    ($inner:expr; $(fn $name:ident(&$($own:ident)+ $(, $argument:ident: $kind:ty)*) $(-> $out:ty)?;)*) => {$(
+        fn $name(&$($own)+ $(, $argument: $kind)*) $(-> $out)? {
+            $inner.$name($($argument),*)
+        }
+    )*};
+}
+pub(super) use forward;
+
 /// Whoever holds a controller is one.
 macro_rules! delegate {
     ($($holder:ty),*) => {$(
         impl<C: Controller + ?Sized> Controller for $holder {
-            fn name(&self) -> &str {
-                (**self).name()
-            }
-            fn description(&self) -> String {
-                (**self).description()
-            }
-            fn rate(&self) -> Option<f64> {
-                (**self).rate()
-            }
-            fn schedule(&self) -> Option<Schedule> {
-                (**self).schedule()
-            }
-            fn holds_tilt(&self) -> bool {
-                (**self).holds_tilt()
-            }
-            fn tracked(&self, state: &[f64]) -> Kinematics<f64> {
-                (**self).tracked(state)
-            }
-            fn reset(&mut self) {
-                (**self).reset();
-            }
-            fn tick(&mut self, seen: Measurement<'_>, target: Target<'_>, commands: &mut [f64]) {
-                (**self).tick(seen, target, commands);
-            }
-            fn tell(&mut self, effectiveness: &[f64]) -> Result<()> {
-                (**self).tell(effectiveness)
-            }
-            fn remembers(&self) -> bool {
-                (**self).remembers()
-            }
-            fn memory(&self) -> &[f64] {
-                (**self).memory()
-            }
-            fn commanded(&self) -> Option<Commanded> {
-                (**self).commanded()
-            }
-            fn is_batched(&self) -> bool {
-                (**self).is_batched()
-            }
-            fn recorded(&self, plant: &Plant) -> Result<Option<RecordedLaw>> {
-                (**self).recorded(plant)
-            }
-            fn notes(&self) -> Vec<Note> {
-                (**self).notes()
+            forward! { (**self);
+                fn name(&self) -> &str;
+                fn description(&self) -> String;
+                fn rate(&self) -> Option<f64>;
+                fn schedule(&self) -> Option<Schedule>;
+                fn holds_tilt(&self) -> bool;
+                fn tracked(&self, state: &[f64]) -> Kinematics<f64>;
+                fn reset(&mut self);
+                fn tick(&mut self, seen: Measurement<'_>, target: Target<'_>, commands: &mut [f64]);
+                fn tell(&mut self, effectiveness: &[f64]) -> Result<()>;
+                fn remembers(&self) -> bool;
+                fn memory(&self) -> &[f64];
+                fn commanded(&self) -> Option<Commanded>;
+                fn is_batched(&self) -> bool;
+                fn recorded(&self, plant: &Plant) -> Result<Option<RecordedLaw>>;
+                fn notes(&self) -> Vec<Note>;
             }
         }
     )*};

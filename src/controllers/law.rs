@@ -4,7 +4,7 @@
 //! [`AllocationFunction`](super::allocation::AllocationFunction): recordings then hold one call of it, with its derivative.
 
 use super::cascade::Schedule;
-use super::controller::{Controller, Measurement, Target};
+use super::controller::{Controller, Measurement, Target, forward};
 use super::kinematics::Kinematics;
 use super::reference::Setpoint;
 use crate::autodiff::trace::Recording;
@@ -151,24 +151,13 @@ impl<L: ControlLaw> Running<L> {
 }
 
 impl<L: ControlLaw> Controller for Running<L> {
-    fn name(&self) -> &str {
-        self.law.name()
-    }
-
-    fn description(&self) -> String {
-        self.law.description()
-    }
-
-    fn rate(&self) -> Option<f64> {
-        self.law.rate()
-    }
-
-    fn schedule(&self) -> Option<Schedule> {
-        self.law.schedule()
-    }
-
-    fn tracked(&self, state: &[f64]) -> Kinematics<f64> {
-        self.law.tracked(state)
+    forward! { self.law;
+        fn name(&self) -> &str;
+        fn description(&self) -> String;
+        fn rate(&self) -> Option<f64>;
+        fn schedule(&self) -> Option<Schedule>;
+        fn tracked(&self, state: &[f64]) -> Kinematics<f64>;
+        fn is_batched(&self) -> bool;
     }
 
     fn reset(&mut self) {
@@ -189,10 +178,6 @@ impl<L: ControlLaw> Controller for Running<L> {
 
     fn commanded(&self) -> Option<Commanded> {
         self.law.commanded(&self.memory)
-    }
-
-    fn is_batched(&self) -> bool {
-        self.law.is_batched()
     }
 
     fn recorded(&self, plant: &Plant) -> Result<Option<RecordedLaw>> {
@@ -239,47 +224,24 @@ impl RecordedLaw {
 }
 
 impl ControlLaw for RecordedLaw {
-    fn name(&self) -> &str {
-        self.law.name()
+    forward! { self.law;
+        fn name(&self) -> &str;
+        fn description(&self) -> String;
+        fn rate(&self) -> Option<f64>;
+        fn is_batched(&self) -> bool;
+        fn schedule(&self) -> Option<Schedule>;
+        fn tracked(&self, state: &[f64]) -> Kinematics<f64>;
+        fn n_target(&self) -> usize;
+        fn write_target(&self, target: Target<'_>, time: f64, row: &mut [f64]);
+        fn n_tick(&self) -> usize;
+        fn write_ticks(&self, tick: u64, ticks: &mut [f64]);
+        fn memory(&self) -> Vec<f64>;
+        fn commanded(&self, memory: &[f64]) -> Option<Commanded>;
+        fn parameter_names(&self) -> Vec<String>;
     }
-    fn description(&self) -> String {
-        self.law.description()
-    }
-    fn rate(&self) -> Option<f64> {
-        self.law.rate()
-    }
-    fn is_batched(&self) -> bool {
-        self.law.is_batched()
-    }
-    fn schedule(&self) -> Option<Schedule> {
-        self.law.schedule()
-    }
-    fn tracked(&self, state: &[f64]) -> Kinematics<f64> {
-        self.law.tracked(state)
-    }
-    fn n_target(&self) -> usize {
-        self.law.n_target()
-    }
-    fn write_target(&self, target: Target<'_>, time: f64, row: &mut [f64]) {
-        self.law.write_target(target, time, row);
-    }
-    fn n_tick(&self) -> usize {
-        self.law.n_tick()
-    }
-    fn write_ticks(&self, tick: u64, ticks: &mut [f64]) {
-        self.law.write_ticks(tick, ticks);
-    }
-    fn memory(&self) -> Vec<f64> {
-        self.law.memory()
-    }
-    fn commanded(&self, memory: &[f64]) -> Option<Commanded> {
-        self.law.commanded(memory)
-    }
+
     fn parameters(&self) -> Vec<f64> {
         self.parameters.clone()
-    }
-    fn parameter_names(&self) -> Vec<String> {
-        self.law.parameter_names()
     }
     fn tick<S: Scalar>(&self, now: &Moment<'_, S>, memory: &mut [S], commands: &mut [S]) {
         let mut inputs = [now.state, now.target, now.ticks].concat();

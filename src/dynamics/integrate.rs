@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 pub enum Integrator {
     /// Classical Runge–Kutta, fourth order, then the quaternion renormalised.
     #[default]
-    #[serde(rename = "rk4", alias = "runge_kutta4")]
+    #[serde(rename = "rk4")]
     RungeKutta4,
     /// First order, half the work: ω by one Newton step of the implicit gyroscopic equation in the body frame, then
     /// velocity, then position and attitude with the new ones.

@@ -21,6 +21,7 @@
 
 use super::algorithm::built_in;
 use super::checkpoint::Tensors;
+use super::checks::check_counts;
 use super::learner::{Learner, Progress, Update, share_done};
 use super::nn::{AdamConfig, Layers};
 use super::policy::{Actor, Policy};
@@ -102,13 +103,10 @@ impl ApgConfig {
     /// # Errors
     /// [`Error::Value`] or [`Error::Limit`] with the number, the rule and the remedy.
     pub fn validate(&self) -> Result<()> {
-        for (what, n, most) in
-            [("n_env", self.n_env, 1 << 24), ("shard", self.shard, 1 << 24), ("horizon", self.horizon, 1 << 16)]
-        {
-            if n == 0 || n > most {
-                return Err(Error::limit(what, n, format!("1 to {most}"), "64, 32 and 48 are usual."));
-            }
-        }
+        check_counts(
+            &[("n_env", self.n_env, 1 << 24), ("shard", self.shard, 1 << 24), ("horizon", self.horizon, 1 << 16)],
+            "64, 32 and 48 are usual.",
+        )?;
         check_optimiser(self.max_grad_norm, self.decay, [self.adjoint_clip, self.action_clip], self.saturation)?;
         self.learning_rate.validate("learning_rate")?;
         self.adam.validate()?;
@@ -233,8 +231,7 @@ impl Learner for Apg {
 
     fn warm_start(&mut self, start: &WarmStart) -> Result<()> {
         self.optimiser.warm_start(start)?;
-        let shards = self.workers.iter_mut().map(|w| &mut w.window.shard);
-        start.statistics.as_ref().map_or(Ok(()), |known| begin_statistics(shards, known))
+        begin_statistics(self.workers.iter_mut().map(|w| &mut w.window.shard), start.statistics.as_ref())
     }
 
     fn policy(&self) -> Result<Policy> {

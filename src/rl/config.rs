@@ -25,7 +25,6 @@ use super::curriculum::Curriculum;
 use super::learner::Learner;
 use super::predecessor::{self, SAFE};
 use super::recipes::recipe;
-use super::renamed::renamed;
 use crate::documented::fields;
 use crate::error::{Error, Result};
 use crate::layers::{self, Layer, merge};
@@ -210,7 +209,7 @@ impl TrainConfig {
     pub fn layered(task: &str, algorithm: Option<&str>, user: &[Layer]) -> Result<Self> {
         let entry = registry::by_name(task)?;
         let task = entry.name;
-        let user = user.iter().map(|layer| check(Self::today(layer.clone())?, task)).collect::<Result<Vec<_>>>()?;
+        let user = user.iter().map(|layer| check(layer.clone().map(Self::lifted), task)).collect::<Result<Vec<_>>>()?;
         let named = user.iter().rev().find_map(|layer| layer.table().get("algorithm")?.as_str());
         let asked = algorithm.or(named);
         let variant = asked.and_then(algorithm::variant);
@@ -238,7 +237,7 @@ impl TrainConfig {
     /// # Errors
     /// As [`TrainConfig::for_task`].
     pub fn from_toml(text: &str, file: &str) -> Result<Self> {
-        let layer = Self::today(Layer::of_text(text, file)?)?;
+        let layer = Layer::of_text(text, file)?.map(Self::lifted);
         check_env(&layer)?;
         let mut base = Self::every_table()?;
         if let Some(task) = layer.table().get("task").and_then(Value::as_str) {
@@ -270,14 +269,6 @@ impl TrainConfig {
             }
         }
         Ok(config)
-    }
-
-    /// A layer in the form of a run, [lifted](Self::lifted), and with settings of algorithms by today's names.
-    ///
-    /// # Errors
-    /// [`Error::Format`] for a setting that is given by the name of 0.1 and by that of today.
-    pub fn today(layer: Layer) -> Result<Layer> {
-        renamed(layer.map(Self::lifted))
     }
 
     /// A table with what it says of environments under `env`, where a run has it: settings that a run does not have, but
@@ -694,11 +685,11 @@ mod tests {
 
     #[test]
     fn differences_are_named_by_their_keys_and_algorithms_by_themselves() {
-        let one = hover("seed = 1\n[apg]\nclip = 0.5").unwrap();
+        let one = hover("seed = 1\n[apg]\nmax_grad_norm = 0.5").unwrap();
         assert_eq!(one.differences(&one.clone().with_updates(7)).unwrap(), []);
         let nameless = TrainConfig { task: String::new(), log_every: 3, ..one.clone() };
         assert_eq!(nameless.differences(&one).unwrap(), []);
-        let other = hover("seed = 2\nenv.task.vehicle = 'iris'\n[apg]\nclip = 0.25").unwrap();
+        let other = hover("seed = 2\nenv.task.vehicle = 'iris'\n[apg]\nmax_grad_norm = 0.25").unwrap();
         let keys = |now: &TrainConfig| -> Vec<String> {
             one.differences(now).unwrap().into_iter().map(|difference| difference.key).collect()
         };

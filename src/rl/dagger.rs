@@ -21,6 +21,7 @@ mod teacher;
 
 use super::algorithm::built_in;
 use super::checkpoint::Tensors;
+use super::checks::{check_counts, check_positive};
 use super::critic::shuffle;
 use super::learner::{Episodes, Learner, Progress, Update, share_done};
 use super::minibatch::{Minibatch, Sums, part};
@@ -110,21 +111,17 @@ impl DaggerConfig {
     /// # Errors
     /// [`Error::Value`] or [`Error::Limit`] with the number, the rule and the remedy.
     pub fn validate(&self) -> Result<()> {
-        for (what, n, most) in [
-            ("n_env", self.n_env, 1 << 24),
-            ("shard", self.shard, 1 << 24),
-            ("steps", self.steps, 1 << 16),
-            ("epochs", self.epochs, 1 << 10),
-            ("minibatches", self.minibatches, 1 << 16),
-        ] {
-            if n == 0 || n > most {
-                let remedy = "64, 32, 250, 4 and 16 are usual.";
-                return Err(Error::limit(what, n, format!("1 to {most}"), remedy));
-            }
-        }
-        if !(self.max_grad_norm.is_finite() && self.max_grad_norm > 0.0) {
-            return Err(Error::value("max_grad_norm", self.max_grad_norm, "finite and > 0", "1 is usual."));
-        }
+        check_counts(
+            &[
+                ("n_env", self.n_env, 1 << 24),
+                ("shard", self.shard, 1 << 24),
+                ("steps", self.steps, 1 << 16),
+                ("epochs", self.epochs, 1 << 10),
+                ("minibatches", self.minibatches, 1 << 16),
+            ],
+            "64, 32, 250, 4 and 16 are usual.",
+        )?;
+        check_positive(&[("max_grad_norm", self.max_grad_norm)], "1 is usual.")?;
         if self.imitate == Imitate::Latent && !self.teacher.is_empty() {
             let remedy = "Name the run in `from`: its weights are taken over too.";
             return Err(Error::value(
@@ -404,8 +401,7 @@ impl Learner for Dagger {
 
     fn warm_start(&mut self, start: &WarmStart) -> Result<()> {
         self.optimiser.warm_start(start)?;
-        let shards = self.workers.iter_mut().map(|worker| &mut worker.shard);
-        start.statistics.as_ref().map_or(Ok(()), |known| begin_statistics(shards, known))
+        begin_statistics(self.workers.iter_mut().map(|worker| &mut worker.shard), start.statistics.as_ref())
     }
 
     fn teach(&mut self, teacher: Policy, of: &Spec, make: &Make<'_>) -> Result<()> {

@@ -272,7 +272,7 @@ impl Experience {
     /// # Errors
     /// As there.
     pub fn begin_statistics(&mut self, known: &Statistics) -> Result<()> {
-        begin_statistics(self.workers.iter_mut().map(|worker| &mut worker.shard), known)?;
+        begin_statistics(self.workers.iter_mut().map(|worker| &mut worker.shard), Some(known))?;
         self.workers.iter_mut().for_each(|worker| worker.ring.begin(&worker.shard.out));
         Ok(())
     }

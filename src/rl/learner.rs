@@ -145,3 +145,11 @@ impl Episodes {
         self.succeeded += other.succeeded;
     }
 }
+
+/// Everything that goes on, as bits.
+#[cfg(test)]
+pub(crate) fn saved(learner: &dyn Learner) -> (Tensors, Tensors) {
+    let (mut policy, mut state) = (Tensors::new(), Tensors::new());
+    learner.save(&mut policy, &mut state).unwrap();
+    (policy, state)
+}

@@ -14,7 +14,6 @@
 //! | [`dqn`] | values of discrete actions; VDN and QMIX are settings of it |
 //! | [`algorithm`] | which algorithms there are, and how to add one's own |
 //! | `config`, [`recipes`] | what a run is made of, and what proved good for each task |
-//! | `renamed` | settings by their names of 0.1 |
 //! | `config_diff` | in which settings two runs differ |
 //! | [`trainer`] | the loop: update, log, evaluate, save, resume |
 //! | [`runs`] | several runs side by side, and what seeds say together |
@@ -26,7 +25,7 @@
 //! | [`planner`] | what can be flown at all, by plans through the simulator |
 //! | [`refine`] | how much more return an episode held than a policy took from it |
 //! | [`parts`] | what algorithms are built of, for one's own |
-//! | `learner` | what all algorithms have in common |
+//! | `learner`, `checks` | what all algorithms have in common |
 //! | [`nn`] | networks, distributions, Adam |
 //! | `window` | a window of steps and its exact gradient |
 //! | `shards` | a batch cut into parts that one thread steps |
@@ -72,6 +71,7 @@ pub mod actor_critic;
 pub mod algorithm;
 pub mod apg;
 pub mod checkpoint;
+pub(crate) mod checks;
 pub(crate) mod config;
 pub(crate) mod config_diff;
 pub(crate) mod critic;
@@ -98,7 +98,6 @@ pub(crate) mod priorities;
 pub(crate) mod recall;
 pub mod recipes;
 pub mod refine;
-pub(crate) mod renamed;
 pub mod replay;
 pub(crate) mod rollout;
 pub mod runs;

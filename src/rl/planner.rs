@@ -9,6 +9,7 @@
 //! of anybody. It is no bound: plans are local optima, and what lies behind H steps they do not see. The defaults suit free
 //! drones; what falls over by itself wants shorter plans and larger steps (64 and 0.02).
 
+use super::checks::{check_counts, check_positive};
 use super::nn::{Adam, AdamConfig};
 use super::shards::within_memory;
 use super::window::Objective;
@@ -59,17 +60,13 @@ impl PlannerConfig {
     /// # Errors
     /// [`Error::Value`] or [`Error::Limit`] with the number, the rule and the remedy.
     pub fn validate(&self) -> Result<()> {
-        let counts = [("first_iterations", self.first_iterations), ("iterations", self.iterations)];
-        for (what, n) in counts.into_iter().chain([("horizon", self.horizon)]) {
-            if !(1..=1 << 16).contains(&n) {
-                return Err(Error::limit(what, n, "1 to 65536", "80, 8 and 128 are usual."));
-            }
-        }
-        for (what, x) in [("learning_rate", self.learning_rate), ("beyond", self.beyond.into())] {
-            if !(x.is_finite() && x > 0.0) {
-                return Err(Error::value(what, x, "finite and > 0", "0.005 and 20 are usual."));
-            }
-        }
+        let [first, more] = [self.first_iterations, self.iterations];
+        check_counts(
+            &[("first_iterations", first, 1 << 16), ("iterations", more, 1 << 16), ("horizon", self.horizon, 1 << 16)],
+            "80, 8 and 128 are usual.",
+        )?;
+        let numbers = [("learning_rate", self.learning_rate), ("beyond", self.beyond.into())];
+        check_positive(&numbers, "0.005 and 20 are usual.")?;
         if self.adjoint_clip.is_nan() || self.adjoint_clip <= 0.0 {
             return Err(Error::value("adjoint_clip", self.adjoint_clip, "> 0", "100 is usual."));
         }

@@ -4,6 +4,7 @@
 //! Where the share of such units passes a limit, the weights are drawn again and the rate is halved.
 
 use super::checkpoint::Tensors;
+use super::checks::check_positive;
 use super::nn::{Adam, AdamConfig, Transposed, Weights, clip_norm};
 use super::policy::{Actor, Policy};
 use super::state;
@@ -161,11 +162,8 @@ impl PolicyOptimiser {
 /// # Errors
 /// [`Error::Value`] with the number, the rule and the remedy.
 pub(crate) fn check_optimiser(max_grad_norm: f64, decay: f32, clips: [f32; 2], saturation: f64) -> Result<()> {
-    for (what, x) in [("max_grad_norm", max_grad_norm), ("decay", decay.into()), ("saturation", saturation)] {
-        if !(x.is_finite() && x > 0.0) {
-            return Err(Error::value(what, x, "finite and > 0", "0.2, 1 and 0.25 are usual."));
-        }
-    }
+    let numbers = [("max_grad_norm", max_grad_norm), ("decay", decay.into()), ("saturation", saturation)];
+    check_positive(&numbers, "0.2, 1 and 0.25 are usual.")?;
     for (what, clip) in ["adjoint_clip", "action_clip"].into_iter().zip(clips) {
         if clip.is_nan() || clip <= 0.0 {
             return Err(Error::value(what, clip, "> 0", "10 to 1000 are usual, inf is none."));

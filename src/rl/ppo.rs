@@ -575,8 +575,7 @@ impl Learner for Ppo {
             to[..n].copy_from_slice(from);
         }
         self.transpose();
-        let shards = self.collectors.iter_mut().map(|c| &mut c.shard);
-        start.statistics.as_ref().map_or(Ok(()), |known| begin_statistics(shards, known))
+        begin_statistics(self.collectors.iter_mut().map(|c| &mut c.shard), start.statistics.as_ref())
     }
 
     fn policy(&self) -> Result<Policy> {

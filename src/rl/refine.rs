@@ -13,6 +13,7 @@
 //! What is found is in reach of one who knows the future, a local optimum: a mark from below for the best return there is, and
 //! for a policy, which knows less, a mark from above in all but name.
 
+use super::checks::{check_counts, check_positive};
 use super::nn::{Adam, AdamConfig, Memory, Pass, Scratch, Transposed, Weights};
 use super::policy::{Policy, ROWS};
 use super::shards::within_memory;
@@ -45,12 +46,8 @@ impl RefineConfig {
     /// # Errors
     /// [`Error::Value`] or [`Error::Limit`] with the number, the rule and the remedy.
     pub fn validate(&self) -> Result<()> {
-        if !(1..=1 << 16).contains(&self.iterations) {
-            return Err(Error::limit("iterations", self.iterations, "1 to 65536", "200 are usual."));
-        }
-        if !(self.learning_rate.is_finite() && self.learning_rate > 0.0) {
-            return Err(Error::value("learning_rate", self.learning_rate, "finite and > 0", "0.01 is usual."));
-        }
+        check_counts(&[("iterations", self.iterations, 1 << 16)], "200 are usual.")?;
+        check_positive(&[("learning_rate", self.learning_rate)], "0.01 is usual.")?;
         if self.adjoint_clip.is_nan() || self.adjoint_clip <= 0.0 {
             return Err(Error::value("adjoint_clip", self.adjoint_clip, "> 0", "100 is usual."));
         }

@@ -83,7 +83,6 @@ struct Known {
     seeds: Vec<u64>,
     factor: usize,
     trials: Vec<Trial>,
-    #[serde(default)]
     failures: Vec<(usize, u64, String)>,
 }
 

@@ -19,6 +19,7 @@
 
 use super::algorithm::built_in;
 use super::checkpoint::Tensors;
+use super::checks::{check_counts, check_positive};
 use super::critic::{Critic, Fit, shuffle};
 use super::gae::{Steps, advantages};
 use super::learner::{Learner, Progress, Update, share_done};
@@ -131,30 +132,19 @@ impl ShacConfig {
     /// # Errors
     /// [`Error::Value`] or [`Error::Limit`] with the number, the rule and the remedy.
     pub fn validate(&self) -> Result<()> {
-        for (what, n, most) in [
-            ("n_env", self.n_env, 1 << 24),
-            ("shard", self.shard, 1 << 24),
-            ("horizon", self.horizon, 1 << 16),
-            ("critic_epochs", self.critic_epochs, 1 << 10),
-            ("minibatches", self.minibatches, 1 << 10),
-        ] {
-            if n == 0 || n > most {
-                let remedy = "128, 64, 32, 2 and 4 are usual.";
-                return Err(Error::limit(what, n, format!("1 to {most}"), remedy));
-            }
-        }
+        check_counts(
+            &[
+                ("n_env", self.n_env, 1 << 24),
+                ("shard", self.shard, 1 << 24),
+                ("horizon", self.horizon, 1 << 16),
+                ("critic_epochs", self.critic_epochs, 1 << 10),
+                ("minibatches", self.minibatches, 1 << 10),
+            ],
+            "128, 64, 32, 2 and 4 are usual.",
+        )?;
         check_optimiser(self.max_grad_norm, self.decay, [self.adjoint_clip, self.action_clip], self.saturation)?;
-        if !(self.huber.is_finite() && self.huber > 0.0) {
-            return Err(Error::value("huber", self.huber, "finite and > 0", "5 is usual."));
-        }
-        if !(self.critic_max_grad_norm.is_finite() && self.critic_max_grad_norm > 0.0) {
-            return Err(Error::value(
-                "critic_max_grad_norm",
-                self.critic_max_grad_norm,
-                "finite and > 0",
-                "1 is usual.",
-            ));
-        }
+        check_positive(&[("huber", self.huber)], "5 is usual.")?;
+        check_positive(&[("critic_max_grad_norm", self.critic_max_grad_norm)], "1 is usual.")?;
         let shares = [("lambda", self.lambda), ("ramp", self.ramp), ("polyak", self.polyak.into())];
         for (what, x) in shares {
             if !(0.0..=1.0).contains(&x) {
@@ -563,8 +553,7 @@ impl Learner for Shac {
 
     fn warm_start(&mut self, start: &WarmStart) -> Result<()> {
         self.optimiser.warm_start(start)?;
-        let shards = self.workers.iter_mut().map(|w| &mut w.window.shard);
-        start.statistics.as_ref().map_or(Ok(()), |known| begin_statistics(shards, known))
+        begin_statistics(self.workers.iter_mut().map(|w| &mut w.window.shard), start.statistics.as_ref())
     }
 
     fn policy(&self) -> Result<Policy> {

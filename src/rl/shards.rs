@@ -139,11 +139,15 @@ pub(crate) fn set_difficulty<'a>(shards: impl Iterator<Item = &'a mut Shard>, sh
     Ok(())
 }
 
-/// Statistics of a policy that was trained before, for the stage `normalise` where there is one.
+/// Statistics of a policy that was trained before, if it has some, for the stage `normalise` where there is one.
 ///
 /// # Errors
 /// As [`Env::set_statistics`].
-pub(crate) fn begin_statistics<'a>(shards: impl Iterator<Item = &'a mut Shard>, statistics: &Statistics) -> Result<()> {
+pub(crate) fn begin_statistics<'a>(
+    shards: impl Iterator<Item = &'a mut Shard>,
+    known: Option<&Statistics>,
+) -> Result<()> {
+    let Some(statistics) = known else { return Ok(()) };
     for Shard { env, out } in shards {
         if !env.statistics().mean.is_empty() {
             env.set_statistics(statistics.clone())?;

@@ -227,7 +227,7 @@ impl Trainer {
     fn go_on(&mut self, checkpoint: &Checkpoint, at: &Path, folder: &Path) -> Result<()> {
         let Checkpoint { manifest, policy, state } = checkpoint;
         let file = at.join("manifest.json").display().to_string();
-        let then = TrainConfig { task: manifest.task.clone(), ..TrainConfig::from_toml(&manifest.config, &file)? };
+        let then = TrainConfig::from_toml(&manifest.config, &file)?;
         let differences = then.differences(&self.config)?;
         if !differences.is_empty() {
             return Err(Error::Format {
@@ -260,7 +260,6 @@ impl Trainer {
         (self.update, self.clock.before) = (manifest.update, manifest.seconds);
         let rounds_twice = |set: &str| !["avx512", "avx2", "neon"].contains(&set);
         let others = rounds_twice(&manifest.instructions) != rounds_twice(instruction_set());
-        let others = others && !manifest.instructions.is_empty();
         self.other_instructions = others.then(|| manifest.instructions.clone());
         self.since = Since::new(self.env_steps(), manifest.seconds);
         Ok(())

@@ -78,7 +78,7 @@ fn with_lift(mut vehicle: Vehicle, over_weight: f64) -> Vehicle {
 #[test]
 fn a_vehicle_with_little_thrust_holds_its_height() {
     for over_weight in [1.06, 1.10, 1.16] {
-        let vehicle = with_lift(vehicles::hummingbird::vehicle(), over_weight);
+        let vehicle = with_lift(vehicles::hummingbird(), over_weight);
         let plan =
             FlightPlan { reference: Reference::by_name("hover").unwrap(), duration: 6.0, ..FlightPlan::default() };
         let flight = flown(&vehicle, &plan);
@@ -91,7 +91,7 @@ fn a_vehicle_with_little_thrust_holds_its_height() {
 
 #[test]
 fn a_vehicle_that_cannot_steer_and_hold_its_height_is_refused() {
-    let vehicle = with_lift(vehicles::hummingbird::vehicle(), 1.03);
+    let vehicle = with_lift(vehicles::hummingbird(), 1.03);
     let refused = fly_vehicle(&vehicle, &vehicle.gains(), &FlightPlan::default(), &mut |_| {}).map(drop);
     let error = refused.unwrap_err().to_string();
     assert!(error.contains("thrust over weight is 1.030 (") && error.contains("must be ≥ 1.05"), "{error}");
@@ -99,7 +99,7 @@ fn a_vehicle_that_cannot_steer_and_hold_its_height_is_refused() {
 
 #[test]
 fn a_flight_tells_since_when_its_reference_is_lost() {
-    let mut log = flown(&vehicles::hummingbird::vehicle(), &FlightPlan { duration: 1.0, ..FlightPlan::default() }).log;
+    let mut log = flown(&vehicles::hummingbird(), &FlightPlan { duration: 1.0, ..FlightPlan::default() }).log;
     assert_eq!((log.lost_at(), log.summary(0.0).lost_at), (None, None));
     let n = log.len();
     log.position[n / 2][2] -= 100.0;
@@ -227,7 +227,7 @@ fn between(a: [f64; 4], b: [f64; 4]) -> f64 {
 
 #[test]
 fn a_flight_keeps_what_the_levels_of_the_cascade_commanded() {
-    let vehicle = vehicles::hummingbird::vehicle();
+    let vehicle = vehicles::hummingbird();
     let plan = FlightPlan { duration: 4.0, ..FlightPlan::default() };
     let log = flown(&vehicle, &plan).log;
     assert_eq!((log.commanded.len(), log.csv_header().len()), (log.len(), 24 + 3 * 4 + 3 + 8));
@@ -251,7 +251,7 @@ fn a_flight_keeps_what_the_levels_of_the_cascade_commanded() {
 #[test]
 fn a_flight_without_levels_keeps_no_commands_of_theirs() {
     let plan = FlightPlan { duration: 0.1, ..FlightPlan::default() };
-    let plant = Plant::of_vehicle(&vehicles::hummingbird::vehicle(), plan.air_physics()).unwrap();
+    let plant = Plant::of_vehicle(&vehicles::hummingbird(), plan.air_physics()).unwrap();
     for (name, has) in [("lqr", false), ("cascade", true), ("fault_tolerant", true)] {
         let mut controller = controller(name, &plant, &Setup::new(None, &plan.rates)).unwrap();
         let log = fly(&plant, &mut controller, &plan, &mut |_| {}).unwrap().log;

@@ -10,7 +10,7 @@ use omnidrones::dynamics::{Physics, Plant, configurations, vehicles};
 use std::iter;
 
 fn flown(sensors: Vec<SensorConfig>, seed: u64) -> Flight {
-    let hummingbird = vehicles::hummingbird::vehicle();
+    let hummingbird = vehicles::hummingbird();
     let plan = FlightPlan { duration: 2.0, sensors, seed, ..FlightPlan::default() };
     fly_vehicle(&hummingbird, &hummingbird.gains(), &plan, &mut |_| {}).unwrap()
 }
@@ -142,7 +142,7 @@ impl<C: Controller> Controller for Blindfold<C> {
 
 #[test]
 fn a_controller_may_fly_by_what_its_loop_s_sensors_read_alone() {
-    let hummingbird = vehicles::hummingbird::vehicle();
+    let hummingbird = vehicles::hummingbird();
     let plan = FlightPlan::default();
     let plant = Plant::of_vehicle(&hummingbird, plan.physics).unwrap();
     let (gains, target) = (hummingbird.gains(), Target::level(&plan.reference));

@@ -73,7 +73,7 @@ fn a_chain_of_welds_takes_rotors_and_shapes_along() {
     let mut a = Assembly::new("tower");
     a.part("foot", ball());
     a.part("mast", Solid::bar([0.0; 3], Z, 0.02).mass(0.3));
-    a.part("drone", Solid::vehicle(&hummingbird::vehicle()));
+    a.part("drone", Solid::vehicle(&hummingbird()));
     a.join(Join::new("second", Kind::Fixed, "mast", "drone").at(Placement::from(Z).turned(X, FRAC_PI_2)));
     a.join(Join::new("first", Kind::Fixed, "foot", "mast").at([0.0, 0.0, 0.1]));
     let model = a.model().unwrap();
@@ -163,7 +163,7 @@ fn drones_welded_into_one_body_become_one_source_of_wakes() {
     let mut a = Assembly::new("twin");
     a.part("bar", Solid::bar([-1.0, 0.0, 0.0], X, 0.02).mass(0.2));
     for (name, x) in [("left", -1.0), ("right", 1.0)] {
-        a.part(name, Solid::vehicle(&hummingbird::vehicle()));
+        a.part(name, Solid::vehicle(&hummingbird()));
         a.join(Join::new(format!("on_{name}"), Kind::Fixed, "bar", name).at([x, 0.0, 0.0]));
     }
     let model = a.model().unwrap();
@@ -195,7 +195,7 @@ fn given_masses_stay_and_masses_of_a_density_grow_with_the_volume() {
         (Solid::cuboid([0.1, 0.2, 0.3]).mass(2.0), 1.0, 2.0_f64.powi(2)),
         (Solid::cuboid([0.1, 0.2, 0.3]).density(500.0), 8.0, 2.0_f64.powi(5)),
         (Solid::capsule(0.1, 0.4).density(500.0).and(rod(X, Y, 0.1)), 8.0, 2.0_f64.powi(5)),
-        (Solid::vehicle(&hummingbird::vehicle()), 1.0, 2.0_f64.powi(2)),
+        (Solid::vehicle(&hummingbird()), 1.0, 2.0_f64.powi(2)),
     ] {
         let (own, twice) = (solid.properties(), solid.clone().scaled(2.0).properties());
         assert!((twice.mass / own.mass - mass).abs() < 1e-14 * mass);
@@ -213,7 +213,7 @@ fn given_masses_stay_and_masses_of_a_density_grow_with_the_volume() {
 
 #[test]
 fn inertia_follows_a_mass_that_is_set() {
-    for solid in [Solid::cuboid([0.1, 0.2, 0.3]).density(500.0), Solid::vehicle(&hummingbird::vehicle())] {
+    for solid in [Solid::cuboid([0.1, 0.2, 0.3]).density(500.0), Solid::vehicle(&hummingbird())] {
         let own = solid.properties();
         let mut a = Assembly::new("one");
         a.part("it", solid);
@@ -464,7 +464,7 @@ fn what_cannot_hold_on_a_joint_is_refused_by_name() {
     says(&refusal(a.model()), &["'stuck'", "fixed to the world"]);
     says(&refusal(Assembly::new("nothing").model()), &["'nothing'", "number of parts"]);
     let mut a = Assembly::new("pole");
-    a.part("drone", Solid::vehicle(&hummingbird::vehicle()));
+    a.part("drone", Solid::vehicle(&hummingbird()));
     a.part("flag", ball());
     a.join(Join::new("weld", Kind::Fixed, WORLD, "drone"));
     a.join(Join::new("hinge", Kind::Revolute(Z), "drone", "flag"));
@@ -475,7 +475,7 @@ fn what_cannot_hold_on_a_joint_is_refused_by_name() {
 fn the_order_of_rotors_is_as_said_and_complete() {
     let drone = || {
         let mut a = Assembly::new("one");
-        a.part("d", Solid::vehicle(&hummingbird::vehicle()));
+        a.part("d", Solid::vehicle(&hummingbird()));
         a
     };
     let names = |order: &[usize]| order.iter().map(|i| format!("d/rotor_{i}")).collect::<Vec<_>>();

@@ -84,13 +84,13 @@ fn heavier(vehicle: &Vehicle, factor: f64) -> Vehicle {
     v
 }
 
-fn bits(world: &World) -> Vec<u32> {
+pub fn bits(world: &World) -> Vec<u32> {
     let mut states = vec![0.0; world.n_env() * world.n_state()];
     world.read_states(&mut states).unwrap();
     states.iter().map(|x| x.to_bits()).collect()
 }
 
-fn row(world: &World, i: usize) -> Vec<u32> {
+pub fn row(world: &World, i: usize) -> Vec<u32> {
     world.state(i).unwrap().iter().map(|x| x.to_bits()).collect()
 }
 

@@ -130,7 +130,7 @@ fn platform_frame_is_a_star_of_capsules() {
     assert!((frame.inertia.zz / rods - 1.0).abs() < 0.04, "{} against {rods}", frame.inertia.zz);
     assert!((frame.inertia.xx - frame.inertia.yy).abs() < 1e-16);
     assert_eq!(frame.center_of_mass, [0.0; 3]);
-    let heavy = Platform { drone: firefly::vehicle(), ..Platform::default() }.build().unwrap().model;
+    let heavy = Platform { drone: firefly(), ..Platform::default() }.build().unwrap().model;
     assert_eq!(heavy.rotors().len(), 24);
 }
 
@@ -255,7 +255,7 @@ fn parameters_that_make_no_sense_are_refused_by_name() {
     assert!(text.contains("'bar'"), "{text}");
     let text = refusal(Omav { max_torque: 0.0, ..Omav::default() }.build().map(|c| c.model));
     assert!(text.contains("joint 'tilt_0'") && text.contains("max_torque"), "{text}");
-    let text = refusal(Omav { vehicle: firefly::vehicle(), ..Omav::default() }.build().map(|c| c.model));
+    let text = refusal(Omav { vehicle: firefly(), ..Omav::default() }.build().map(|c| c.model));
     assert!(text.contains("tilt_unit_0"), "{text}");
     let text = refusal(Gate { scale: 0.0, ..Gate::default() }.build().map(|c| c.model));
     assert!(text.contains("gate: scale"), "{text}");

@@ -1,6 +1,7 @@
 //! A batch of articulated systems: each environment's result is its own, to the bit, whatever the others, the threads or
 //! the size; for every built-in configuration.
 
+use crate::batch::{bits, row};
 use crate::common::INTEGRATORS;
 use crate::common::measure::larger;
 use crate::common::relative;
@@ -128,16 +129,6 @@ impl Script {
             world.step(&actions).unwrap();
         }
     }
-}
-
-fn bits(world: &World) -> Vec<u32> {
-    let mut states = vec![0.0; world.n_env() * world.n_state()];
-    world.read_states(&mut states).unwrap();
-    states.iter().map(|x| x.to_bits()).collect()
-}
-
-fn row(world: &World, i: usize) -> Vec<u32> {
-    world.state(i).unwrap().iter().map(|x| x.to_bits()).collect()
 }
 
 #[test]

@@ -4,13 +4,11 @@ use omnidrones::error::Result;
 use omnidrones::parallel::Threads;
 use omnidrones::rl::apg::ApgConfig;
 use omnidrones::rl::checkpoint::{Checkpoint, Store};
-use omnidrones::rl::ppo::PpoConfig;
-use omnidrones::rl::shac::ShacConfig;
 use omnidrones::rl::trainer::{TrainResult, Trainer};
 use omnidrones::rl::{Starts, TrainConfig, evaluate, load_policy, log};
 use omnidrones::tasks::EnvConfig;
 use std::ops::ControlFlow;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 const ALGORITHMS: [&str; 5] = ["apg", "shac", "ppo", "dagger", "rma"];
 
@@ -375,20 +373,6 @@ fn a_run_is_not_made_shorter_than_it_is_and_not_of_another_task() {
 }
 
 #[test]
-fn a_run_of_a_version_that_did_not_write_its_task_goes_on() {
-    let folder = tempfile::tempdir().unwrap();
-    let [new, old] = ["new", "old"].map(|name| folder.path().join(name));
-    train(trainer(tiny("apg"), 1).in_folder(&new, false).unwrap(), 3).unwrap();
-    let mut checkpoint = newest(&new);
-    let nameless = checkpoint.manifest.config.replacen("task = \"Hover\"\n", "", 1);
-    assert_ne!(nameless, checkpoint.manifest.config);
-    checkpoint.manifest.config = nameless;
-    Store::open_to_write(&old, 2).unwrap().save(&checkpoint).unwrap();
-    let again = trainer(tiny("apg"), 1).in_folder(&old, true).unwrap();
-    assert_eq!((again.update(), again.config().task.as_str()), (3, "Hover"));
-}
-
-#[test]
 fn environments_that_a_policy_does_not_fit_are_refused_by_what_differs() {
     let folder = tempfile::tempdir().unwrap();
     train(trainer(tiny("apg"), 1).in_folder(folder.path(), false).unwrap(), 3).unwrap();
@@ -420,29 +404,5 @@ fn environments_that_a_policy_does_not_fit_are_refused_by_what_differs() {
     ] {
         let refusal = load_policy(path).unwrap_err().to_string();
         assert!(refusal.contains(lack) && refusal.contains("Train one"), "{refusal}");
-    }
-}
-
-/// Two updates of each algorithm by version 0.1.0, whose settings had other names.
-fn run_of_then(algorithm: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/rl/runs_of_0.1").join(algorithm)
-}
-
-#[test]
-fn a_run_of_version_0_1_is_read_by_the_old_names_of_its_settings() {
-    for algorithm in ["apg", "shac", "ppo"] {
-        let saved = load_policy(run_of_then(algorithm)).unwrap();
-        let config = &saved.config;
-        if let Some(apg) = config.algorithm.get::<ApgConfig>() {
-            assert_eq!((apg.horizon, apg.max_grad_norm), (48, 0.2));
-        } else if let Some(shac) = config.algorithm.get::<ShacConfig>() {
-            assert_eq!((shac.critic_epochs, shac.polyak), (2, 0.2));
-        } else if let Some(ppo) = config.algorithm.get::<PpoConfig>() {
-            assert_eq!((ppo.clip_epsilon, ppo.max_grad_norm), (0.2, 1.0));
-        }
-        let (env, starts) = (config.seen_env(), Starts { n_env: 8, seed: 5 });
-        let told =
-            evaluate(&mut saved.policy.clone(), "Hover", &env, starts, &Threads::default(), &mut |_| {}).unwrap();
-        assert!(told.return_mean.is_finite(), "{algorithm}");
     }
 }

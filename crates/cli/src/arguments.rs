@@ -173,10 +173,9 @@ impl FlightArguments {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum IntegratorName {
     /// Runge–Kutta of fourth order
-    #[value(alias = "runge_kutta4")]
     Rk4,
     /// First order, half the work, implicit gyroscopic term
-    #[value(alias = "semi_implicit")]
+    #[value(alias = "semi_implicit")] // as files spell it
     SemiImplicit,
 }
 

@@ -65,7 +65,7 @@ pub struct Arguments {
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
     /// Environments of the batch rows [default: 4096; of a task 1024, 4096 and 65536, with --quick 1024 and 4096]
-    #[arg(long, alias = "environments", value_name = "N")]
+    #[arg(long, value_name = "N")]
     envs: Option<usize>,
     /// Track and OverHover with a policy of these hidden layers in the loop, beside the OmniDrones paper [without units:
     /// 256,256,256]

@@ -297,7 +297,7 @@ fn of_environments(layer: Layer, task: Option<&Entry>) -> Result<Layer> {
         }
     }
     // every key is known, also those that only a run reads
-    TrainConfig::check(&TrainConfig::today(layer.clone())?)?;
+    TrainConfig::check(&layer.clone().map(TrainConfig::lifted))?;
     if let (Some(option), Some(key)) = (layer.name().strip_prefix("--set "), layer.table().keys().next())
         && key != "env"
         && key != "seed"

@@ -79,7 +79,7 @@ pub fn read_toml<T: DeserializeOwned>(path: &Path) -> Result<T> {
 /// What marks a folder as made by a command: what commands write there may be replaced.
 const MARK: &str = ".omnidrones";
 
-/// Whether what is in a folder came from a command: it bears the mark, or is a run of before there were marks.
+/// Whether what is in a folder came from a command: it bears the mark, or is a run that the library wrote.
 fn is_ours(folder: &Path) -> bool {
     folder.join(MARK).is_file() || folder.join("config.toml").is_file() && has_checkpoints(folder)
 }

@@ -45,7 +45,7 @@ pub struct Arguments {
     #[arg(value_name = "RUN|TASK", required = true, num_args = 1..=2)]
     shown: Vec<String>,
     /// Episodes shown at once, up to 16
-    #[arg(long, alias = "environments", value_name = "N", default_value_t = SHOWN)]
+    #[arg(long, value_name = "N", default_value_t = SHOWN)]
     envs: usize,
     #[command(flatten)]
     environment: EnvArguments,

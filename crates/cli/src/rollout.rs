@@ -98,7 +98,7 @@ pub struct Arguments {
 #[derive(Debug, clap::Args)]
 pub struct EpisodeArguments {
     /// Environments, one episode each
-    #[arg(long, alias = "environments", value_name = "N")]
+    #[arg(long, value_name = "N")]
     pub envs: Option<usize>,
     #[command(flatten)]
     pub threads: ThreadArguments,
@@ -138,7 +138,6 @@ impl EpisodeArguments {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum ControllerName {
     /// The controller of this crate that suits what flies
-    #[value(alias = "pd")]
     Default,
     /// Every command drawn uniformly in every step
     Random,

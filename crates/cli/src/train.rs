@@ -99,7 +99,7 @@ pub struct Arguments {
     #[arg(long, value_name = "NAME", value_parser = algorithms())]
     algo: Option<String>,
     /// Environments trained on at once: n_env of the algorithm [default: the recipe's]
-    #[arg(long, alias = "environments", value_name = "N")]
+    #[arg(long, value_name = "N")]
     envs: Option<u64>,
     /// Updates after which it ends [default: the recipe's; the run's with --resume]
     #[arg(long, value_name = "N")]

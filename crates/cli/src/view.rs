@@ -40,7 +40,7 @@ pub struct Arguments {
     #[arg(value_name = "RUN|TASK")]
     shown: String,
     /// Episodes shown at once, up to 16
-    #[arg(long, alias = "environments", value_name = "N", default_value_t = SHOWN)]
+    #[arg(long, value_name = "N", default_value_t = SHOWN)]
     envs: usize,
     /// Port on 127.0.0.1; 0 takes one that is free
     #[arg(long, value_name = "N", default_value_t = 0)]

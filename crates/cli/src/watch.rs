@@ -55,7 +55,7 @@ pub struct Arguments {
     #[arg(value_name = "RUN")]
     run: PathBuf,
     /// Episodes shown at once, up to 16
-    #[arg(long, alias = "environments", value_name = "N", default_value_t = 4)]
+    #[arg(long, value_name = "N", default_value_t = 4)]
     envs: usize,
     #[command(flatten)]
     environment: EnvArguments,

@@ -89,10 +89,7 @@ pub fn continuous<T: RealField + Copy>(
 /// [`Error::Value`] where sizes do not fit, a number is not finite, Q is not symmetric and positive semi-definite, or A
 /// does not decay.
 pub fn lyapunov<T: RealField + Copy>(a: &DMatrix<T>, q: &DMatrix<T>) -> Result<RiccatiSolution<T>> {
-    let n = a.nrows();
-    size("A", a, (n, n))?;
-    size("Q", q, (n, n))?;
-    check_cost(q)?;
+    let n = check_loop(a, q)?;
     let (x, doublings) = doubled(a.clone(), DMatrix::zeros(n, n), q.clone())?;
     let terms = [a.tr_mul(&(&x * a)), -x.clone(), q.clone()];
     Ok(RiccatiSolution { residual: relative(&terms), matrix: x, doublings })
@@ -104,10 +101,7 @@ pub fn lyapunov<T: RealField + Copy>(a: &DMatrix<T>, q: &DMatrix<T>) -> Result<R
 /// # Errors
 /// As [`lyapunov`], in continuous time.
 pub fn continuous_lyapunov<T: RealField + Copy>(a: &DMatrix<T>, q: &DMatrix<T>) -> Result<RiccatiSolution<T>> {
-    let n = a.nrows();
-    size("A", a, (n, n))?;
-    size("Q", q, (n, n))?;
-    check_cost(q)?;
+    let n = check_loop(a, q)?;
     let gamma = a.norm_squared().sqrt() + convert(1e-100);
     let eye = DMatrix::identity(n, n) * gamma;
     let back = inverse(a - &eye)?;
@@ -168,6 +162,15 @@ pub(super) fn check<T: RealField + Copy>(
         return Err(Error::value("R", "not positive definite", "symmetric and positive definite", remedy));
     };
     Ok(symmetric(b * r.solve(&b.transpose())))
+}
+
+/// Checks sizes, numbers and signs of a loop without inputs; its size.
+fn check_loop<T: RealField + Copy>(a: &DMatrix<T>, q: &DMatrix<T>) -> Result<usize> {
+    let n = a.nrows();
+    size("A", a, (n, n))?;
+    size("Q", q, (n, n))?;
+    check_cost(q)?;
+    Ok(n)
 }
 
 fn size<T: RealField + Copy>(name: &str, m: &DMatrix<T>, (rows, columns): (usize, usize)) -> Result<()> {

@@ -15,7 +15,7 @@
 //! use omnidrones::dynamics::vehicles::hummingbird;
 //!
 //! let mut assembly = Assembly::new("slung_ball");
-//! assembly.part("drone", Solid::vehicle(&hummingbird::vehicle()));
+//! assembly.part("drone", Solid::vehicle(&hummingbird()));
 //! assembly.part("rope", Solid::bar([0.0, 0.0, 0.0], [0.0, 0.0, -1.0], 0.01).mass(0.01));
 //! assembly.part("ball", Solid::sphere(0.04).mass(0.3));
 //! assembly.join(Join::new("swing", Kind::Universal([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]), "drone", "rope").damping(1e-4));

@@ -41,7 +41,7 @@ pub struct InvertedPendulum {
 impl Default for InvertedPendulum {
     fn default() -> Self {
         Self {
-            drone: hummingbird::vehicle(),
+            drone: hummingbird(),
             length: 1.0,
             bar_radius: 0.01,
             bar_mass: 0.001,

@@ -45,7 +45,7 @@ pub struct Omav {
 
 impl Default for Omav {
     fn default() -> Self {
-        Self { vehicle: omav::vehicle(), time_constant: 0.02, max_torque: 1.0, max_rate: 10.0, damping: [0.2, 0.2] }
+        Self { vehicle: omav(), time_constant: 0.02, max_torque: 1.0, max_rate: 10.0, damping: [0.2, 0.2] }
     }
 }
 

@@ -43,7 +43,7 @@ pub struct Payload {
 impl Default for Payload {
     fn default() -> Self {
         Self {
-            drone: hummingbird::vehicle(),
+            drone: hummingbird(),
             length: 1.0,
             bar_radius: 0.01,
             bar_mass: 0.001,

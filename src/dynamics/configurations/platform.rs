@@ -46,7 +46,7 @@ pub struct Platform {
 impl Default for Platform {
     fn default() -> Self {
         Self {
-            drone: hummingbird::vehicle(),
+            drone: hummingbird(),
             n_drone: 4,
             arm_length: 0.85,
             frame_mass: 0.2,

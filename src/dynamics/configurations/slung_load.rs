@@ -51,7 +51,7 @@ pub struct SlungLoad {
 impl Default for SlungLoad {
     fn default() -> Self {
         Self {
-            drone: hummingbird::vehicle(),
+            drone: hummingbird(),
             n_drone: 1,
             length: 1.0,
             spread: 0.6,

@@ -86,7 +86,7 @@ impl Transport {
     /// The paper's with four drones.
     pub fn four() -> Self {
         Self {
-            drone: hummingbird::vehicle(),
+            drone: hummingbird(),
             corners: vec![[0.75, 0.5], [0.75, -0.5], [-0.75, -0.5], [-0.75, 0.5]],
             box_size: [1.5, 1.0, 0.4],
             box_mass: 2.0,

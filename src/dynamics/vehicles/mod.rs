@@ -1,14 +1,16 @@
-//! Built-in vehicles: one file each, with a table of its constants, their sources, and every place where published
-//! tables disagree.
+//! Built-in vehicles: one file each in `assets/vehicles`, with a table of its constants, their sources, and every place
+//! where published tables disagree.
 //!
-//! To add one: write `my_drone.rs` beside these with a function that returns a [`Vehicle`], name it as a module below
-//! and give it one line in [`REGISTRY`]. Command line, tests and documentation find it there.
+//! To add one: write `my_drone.toml` there (`omnidrones models hummingbird --toml` prints one to start from), and give it one
+//! line below. Command line, tests and documentation find it then.
 //!
 //! Common to all files:
 //! - Body x forward, y left, z up; the origin is that of the published base link, not the centre of mass.
 //! - Rotors keep OmniDrones' numbers (`rotor_0` …), spins its directions: +1 is counter-clockwise seen from +axis.
-//! - Rotors are parts with their honest mass. A spinning blade presents all its sides in turn, so its part has the
-//!   blade's box inertia averaged about the axis: Ixx = Iyy = (I_long + I_flat)/2.
+//! - Rotors are parts with their honest mass. A spinning blade presents all its sides in turn, so its part has the inertia
+//!   of a box of length x, chord y and thickness z averaged about the axis: m(x² + y²)/12 along it and m(x² + y² + 2z²)/24
+//!   across. RotorS's blade, the source of every published rotor inertia, is as long as the rotor's *radius* (sic), 15 mm
+//!   of chord, 3 mm thick.
 //! - DIFFERENCE marks where we depart from OmniDrones or where sources disagree, and what was chosen. Three hold
 //!   everywhere: hover and thrust-to-weight use the total mass, not the base link's (defect 5 of OmniDrones' rotor
 //!   model); allocation uses each rotor's true position and axis instead of an arm length and an angle (9);
@@ -17,15 +19,9 @@
 //! - `drag.linear` and `drag.angular` are zero: nobody publishes identified values that could be separated from the
 //!   rotor drag. The benchmark tasks set their own effective damping.
 
-pub mod crazyflie;
-pub mod firefly;
-pub mod hummingbird;
-pub mod iris;
-pub mod neo11;
-pub mod omav;
-
-use super::vehicle::{Inertia, Part, Rotor, Vehicle};
+use super::vehicle::Vehicle;
 use crate::error::{Error, Result};
+use std::sync::LazyLock;
 
 /// One line of the registry.
 #[derive(Debug, Clone, Copy)]
@@ -34,23 +30,37 @@ pub struct Entry {
     pub name: &'static str,
     /// One line for tables.
     pub description: &'static str,
-    /// Builds the vehicle from its constants.
+    /// The vehicle of its file, which is read once.
     pub build: fn() -> Vehicle,
 }
 
-/// Every built-in vehicle, lightest first.
-pub static REGISTRY: &[Entry] = &[
-    Entry { name: "crazyflie", description: "Bitcraze Crazyflie 2.x, 27 g X-quadrotor", build: crazyflie::vehicle },
-    Entry { name: "hummingbird", description: "AscTec Hummingbird, 0.7 kg +-quadrotor", build: hummingbird::vehicle },
-    Entry { name: "iris", description: "3DR Iris, 1.5 kg wide X-quadrotor", build: iris::vehicle },
-    Entry { name: "firefly", description: "AscTec Firefly, 1.5 kg hexarotor", build: firefly::vehicle },
-    Entry {
-        name: "neo11",
-        description: "AscTec Neo with 11-inch rotors, 3.4 kg tilted hexarotor",
-        build: neo11::vehicle,
-    },
-    Entry { name: "omav", description: "Voliro-type OMAV, 4 kg, six coaxial pairs held level", build: omav::vehicle },
-];
+macro_rules! built_in {
+    ($($name:ident: $description:literal,)*) => {
+        /// Every built-in vehicle, lightest first.
+        pub static REGISTRY: &[Entry] =
+            &[$(Entry { name: stringify!($name), description: $description, build: $name }),*];
+
+        $(
+            #[doc = concat!($description, ".")]
+            pub fn $name() -> Vehicle {
+                static READ: LazyLock<Vehicle> = LazyLock::new(|| {
+                    let text = include_str!(concat!("../../../assets/vehicles/", stringify!($name), ".toml"));
+                    Vehicle::from_toml_str(text, stringify!($name)).expect("the tests read every built-in file")
+                });
+                READ.clone()
+            }
+        )*
+    };
+}
+
+built_in! {
+    crazyflie: "Bitcraze Crazyflie 2.x, 27 g X-quadrotor",
+    hummingbird: "AscTec Hummingbird, 0.7 kg +-quadrotor",
+    iris: "3DR Iris, 1.5 kg wide X-quadrotor",
+    firefly: "AscTec Firefly, 1.5 kg hexarotor",
+    neo11: "AscTec Neo with 11-inch rotors, 3.4 kg tilted hexarotor",
+    omav: "Voliro-type OMAV, 4 kg, six coaxial pairs held level",
+}
 
 /// Every built-in vehicle.
 pub fn all() -> Vec<Vehicle> {
@@ -72,55 +82,6 @@ pub fn by_name(name: &str) -> Result<Vehicle> {
             known: names().into_iter().map(String::from).collect(),
         }),
     }
-}
-
-/// A spinning rotor blade as seen by the airframe: a box of length x, chord y and thickness z.
-#[derive(Debug, Clone, Copy)]
-struct Blade {
-    mass: f64,
-    length: f64,
-    chord: f64,
-    thickness: f64,
-}
-
-impl Blade {
-    /// RotorS's blade: as long as the rotor's *radius* (sic; the source of every published rotor inertia), 15 mm chord,
-    /// 3 mm thick.
-    const fn rotors(mass: f64, radius: f64) -> Self {
-        Self { mass, length: radius, chord: 0.015, thickness: 0.003 }
-    }
-
-    /// m(x² + y²)/12 about the spin axis, kg m².
-    const fn axial(&self) -> f64 {
-        self.mass / 12.0 * (self.length * self.length + self.chord * self.chord)
-    }
-
-    /// Mean over a turn of the two moments across the axis: m(x² + y² + 2z²)/24, kg m².
-    const fn transverse(&self) -> f64 {
-        let [x, y, z] = [self.length, self.chord, self.thickness];
-        self.mass / 24.0 * (x * x + y * y + 2.0 * z * z)
-    }
-
-    /// The part at `rotor`'s hub: J = J_t·1 + (J_a − J_t) n nᵀ.
-    fn part(&self, rotor: &Rotor) -> Part {
-        let [x, y, z] = rotor.axis;
-        let (t, d) = (self.transverse(), self.axial() - self.transverse());
-        let inertia = Inertia {
-            xx: t + d * x * x,
-            yy: t + d * y * y,
-            zz: t + d * z * z,
-            xy: d * x * y,
-            xz: d * x * z,
-            yz: d * y * z,
-        };
-        Part::new(rotor.name.clone(), self.mass, rotor.position, inertia)
-    }
-}
-
-/// The parts of an airframe followed by one blade per rotor.
-fn with_blades(mut airframe: Vec<Part>, rotors: &[Rotor], blade: Blade) -> Vec<Part> {
-    airframe.extend(rotors.iter().map(|rotor| blade.part(rotor)));
-    airframe
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@ use super::{ActorCritic, Kind};
 use crate::error::{Error, Result};
 use crate::parallel::Threads;
 use crate::rl::algorithm::Algorithm;
+use crate::rl::checks::check_counts;
 use crate::rl::learner::Learner;
 use crate::rl::nn::{AdamConfig, Layers};
 use crate::rl::policy::Actor;
@@ -141,21 +142,19 @@ impl<E: Exploration> ActorCriticConfig<E> {
     /// # Errors
     /// [`Error::Value`] or [`Error::Limit`] with the number, the rule and the remedy.
     pub fn validate(&self) -> Result<()> {
-        for (what, n, most) in [
-            ("n_env", self.n_env, 1 << 24),
-            ("shard", self.shard, 1 << 24),
-            ("steps", self.steps, MAX_STEPS),
-            ("gradient_steps", self.gradient_steps, MAX_STEPS),
-            ("batch", self.batch, 1 << 20),
-            ("critics", self.critics, 64),
-            ("quantiles", self.quantiles, 1 << 10),
-            ("actor_delay", self.actor_delay, 1 << 10),
-        ] {
-            if n == 0 || n > most {
-                let remedy = "512, 256, 8, 32, 512, 2, 1 and 1 are usual.";
-                return Err(Error::limit(what, n, format!("1 to {most}"), remedy));
-            }
-        }
+        check_counts(
+            &[
+                ("n_env", self.n_env, 1 << 24),
+                ("shard", self.shard, 1 << 24),
+                ("steps", self.steps, MAX_STEPS),
+                ("gradient_steps", self.gradient_steps, MAX_STEPS),
+                ("batch", self.batch, 1 << 20),
+                ("critics", self.critics, 64),
+                ("quantiles", self.quantiles, 1 << 10),
+                ("actor_delay", self.actor_delay, 1 << 10),
+            ],
+            "512, 256, 8, 32, 512, 2, 1 and 1 are usual.",
+        )?;
         check_targets(self.discount, self.tau, self.max_grad_norm, self.huber)?;
         self.learning_rate.validate("learning_rate")?;
         self.critic_learning_rate.validate("critic_learning_rate")?;

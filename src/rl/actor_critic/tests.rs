@@ -1,5 +1,5 @@
 use super::*;
-use crate::rl::checkpoint::Tensors;
+use crate::rl::learner::saved;
 use crate::rl::nn::Layers;
 use crate::rl::replay::ReplayConfig;
 use crate::rl::sac::{Entropy, SacConfig};
@@ -28,12 +28,6 @@ fn small<E: Exploration>() -> ActorCriticConfig<E> {
 fn of<E: Exploration>(task: &str, config: ActorCriticConfig<E>, threads: usize) -> ActorCritic<E> {
     let env = EnvConfig { stagger: true, ..EnvConfig::default() };
     ActorCritic::with(&|own| Env::make(task, own), &env, config, 5, Threads::new(threads).unwrap()).unwrap()
-}
-
-fn saved(learner: &dyn Learner) -> (Tensors, Tensors) {
-    let (mut policy, mut state) = (Tensors::new(), Tensors::new());
-    learner.save(&mut policy, &mut state).unwrap();
-    (policy, state)
 }
 
 /// A team whose agents have an actor each.

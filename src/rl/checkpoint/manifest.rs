@@ -22,9 +22,8 @@ pub struct Manifest {
     pub format: u32,
     /// Version of this crate; set when saving.
     pub version: String,
-    /// Instructions that the processor computed with ([`instruction_set`]); set when saving, empty in older files. Others round
-    /// sums elsewhere.
-    #[serde(default)]
+    /// Instructions that the processor computed with ([`instruction_set`]); set when saving. Others round sums
+    /// elsewhere.
     pub instructions: String,
     /// Name of the algorithm.
     pub algorithm: String,

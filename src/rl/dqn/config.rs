@@ -3,6 +3,7 @@
 use super::Dqn;
 use crate::error::{Error, Result};
 use crate::rl::algorithm::built_in;
+use crate::rl::checks::check_counts;
 use crate::rl::nn::{AdamConfig, Layers};
 use crate::rl::policy::Actor;
 use crate::rl::replay::ReplayConfig;
@@ -133,22 +134,20 @@ impl DqnConfig {
             Mixer::Monotone { units, hidden } => (units, hidden),
             _ => (1, 1),
         };
-        for (what, n, most) in [
-            ("n_env", self.n_env, 1 << 24),
-            ("shard", self.shard, 1 << 24),
-            ("steps", self.steps, 1 << 16),
-            ("gradient_steps", self.gradient_steps, 1 << 16),
-            ("batch", self.batch, 1 << 20),
-            ("quantiles", self.quantiles, 256),
-            ("levels", self.levels, 256),
-            ("mixer.units", units, 256),
-            ("mixer.hidden", hidden, 4096),
-        ] {
-            if n == 0 || n > most {
-                let remedy = "512, 256, 8, 32, 512, 1, 3, 32 and 64 are usual.";
-                return Err(Error::limit(what, n, format!("1 to {most}"), remedy));
-            }
-        }
+        check_counts(
+            &[
+                ("n_env", self.n_env, 1 << 24),
+                ("shard", self.shard, 1 << 24),
+                ("steps", self.steps, 1 << 16),
+                ("gradient_steps", self.gradient_steps, 1 << 16),
+                ("batch", self.batch, 1 << 20),
+                ("quantiles", self.quantiles, 256),
+                ("levels", self.levels, 256),
+                ("mixer.units", units, 256),
+                ("mixer.hidden", hidden, 4096),
+            ],
+            "512, 256, 8, 32, 512, 1, 3, 32 and 64 are usual.",
+        )?;
         if self.mixer != Mixer::None && self.quantiles > 1 {
             let remedy = "Leave quantiles out: a mixer takes one number of each agent.";
             return Err(Error::value("quantiles", self.quantiles, "1 with a mixer", remedy));

@@ -1,4 +1,5 @@
 use super::*;
+use crate::rl::learner::saved;
 use crate::rl::nn::Layers;
 use crate::rl::nn::elementwise::approach;
 use crate::rl::replay::ReplayConfig;
@@ -29,12 +30,6 @@ fn of(task: &str, env: &EnvConfig, config: DqnConfig, threads: usize) -> Dqn {
 
 fn staggered() -> EnvConfig {
     EnvConfig { stagger: true, ..EnvConfig::default() }
-}
-
-fn saved(learner: &Dqn) -> (Tensors, Tensors) {
-    let (mut policy, mut state) = (Tensors::new(), Tensors::new());
-    learner.save(&mut policy, &mut state).unwrap();
-    (policy, state)
 }
 
 const QMIX: Mixer = Mixer::Monotone { units: 16, hidden: 32 };

@@ -3,6 +3,7 @@
 use super::Ppo;
 use crate::error::{Error, Result};
 use crate::rl::algorithm::built_in;
+use crate::rl::checks::{check_counts, check_positive};
 use crate::rl::nn::head::{LOG_STD_MAX, LOG_STD_MIN};
 use crate::rl::nn::{AdamConfig, Layers};
 use crate::rl::policy::Actor;
@@ -133,30 +134,23 @@ impl PpoConfig {
     /// # Errors
     /// [`Error::Value`] or [`Error::Limit`] with the number, the rule and the remedy.
     pub fn validate(&self) -> Result<()> {
-        for (what, n, most) in [
-            ("n_env", self.n_env, 1 << 24),
-            ("shard", self.shard, 1 << 24),
-            ("steps", self.steps, 1 << 16),
-            ("epochs", self.epochs, 1 << 10),
-            ("minibatches", self.minibatches, 1 << 16),
-        ] {
-            if n == 0 || n > most {
-                let remedy = "512, 256, 64, 4 and 16 are usual.";
-                return Err(Error::limit(what, n, format!("1 to {most}"), remedy));
-            }
-        }
-        for (what, x) in
-            [("clip_epsilon", self.clip_epsilon), ("max_grad_norm", self.max_grad_norm), ("huber", self.huber)]
-        {
-            if !(x.is_finite() && x > 0.0) {
-                return Err(Error::value(what, x, "finite and > 0", "0.2, 1 and 10 are usual."));
-            }
-        }
+        check_counts(
+            &[
+                ("n_env", self.n_env, 1 << 24),
+                ("shard", self.shard, 1 << 24),
+                ("steps", self.steps, 1 << 16),
+                ("epochs", self.epochs, 1 << 10),
+                ("minibatches", self.minibatches, 1 << 16),
+            ],
+            "512, 256, 64, 4 and 16 are usual.",
+        )?;
+        check_positive(
+            &[("clip_epsilon", self.clip_epsilon), ("max_grad_norm", self.max_grad_norm), ("huber", self.huber)],
+            "0.2, 1 and 10 are usual.",
+        )?;
         let ends = self.target_kl.map_or([None; 2], |target| [0.0, 1.0].map(|progress| Some(target.at(progress))));
         for (what, x) in [("target_kl", ends[0]), ("target_kl", ends[1]), ("stop_kl", self.stop_kl)] {
-            if let Some(x) = x.filter(|x| !(x.is_finite() && *x > 0.0)) {
-                return Err(Error::value(what, x, "finite and > 0", "0.01 is usual, or 0 for none."));
-            }
+            x.map_or(Ok(()), |x| check_positive(&[(what, x)], "0.01 is usual, or 0 for none."))?;
         }
         let [first, last] = [0.0, 1.0].map(|progress| self.lambda.at(progress));
         for (what, x) in [("discount", self.discount), ("lambda", first), ("lambda", last)] {

@@ -1,6 +1,7 @@
 use super::*;
 use crate::autodiff::Scalar;
 use crate::dynamics::Effects;
+use crate::rl::learner::saved;
 use crate::rl::nn::Layers;
 use crate::rl::schedule::Schedule;
 use crate::tasks::config::ActionSpace;
@@ -30,13 +31,6 @@ fn small() -> PpoConfig {
 
 fn ppo(task: &str, env: &EnvConfig, config: PpoConfig, threads: usize) -> Ppo {
     Ppo::new(task, env, config, 5, Threads::new(threads).unwrap()).unwrap()
-}
-
-/// Everything that goes on, as bits.
-fn saved(ppo: &Ppo) -> (Tensors, Tensors) {
-    let (mut policy, mut state) = (Tensors::new(), Tensors::new());
-    ppo.save(&mut policy, &mut state).unwrap();
-    (policy, state)
 }
 
 fn value_of(update: &Update, name: &str) -> f64 {

@@ -304,7 +304,7 @@ fn tune_writes_gains_that_fly_better() {
 #[test]
 fn bench_measures_every_group() {
     let folder = temporary();
-    let measured = json(0, folder.path(), &["bench", "--quick", "--threads", "1", "--environments", "256", "--json"]);
+    let measured = json(0, folder.path(), &["bench", "--quick", "--threads", "1", "--envs", "256", "--json"]);
     let rows = measured["rows"].as_array().expect("a list");
     assert!(rows.len() > 5);
     assert!(rows.iter().all(|r| r["value"].as_f64().is_some_and(|v| v > 0.0)), "{measured}");
@@ -401,8 +401,8 @@ fn unusable_input_names_value_limit_and_remedy_and_exits_with_2() {
         ("tune iris --learning-rate nan", "learning_rate is NaN"),
         ("tune iris --duration 1e9", "duration is 1000000000 s"),
         ("bench --threads 0", "--threads is 0, below the limit of 1 to 1024"),
-        ("bench --environments 0 --quick", "environments"),
-        ("bench --environments 1000000000000 --quick", "1000000000000"),
+        ("bench --envs 0 --quick", "environments"),
+        ("bench --envs 1000000000000 --quick", "1000000000000"),
     ] {
         let list: Vec<&str> = arguments.split(' ').collect();
         let (out, err) = exits(2, folder.path(), &list);
@@ -492,7 +492,7 @@ fn no_argument_list_makes_it_panic_or_hang() {
         vec!["tune", "iris", "--starts", "18446744073709551615"],
         vec!["tune", "iris", "--dt", "1e-9"],
         vec!["bench", "--threads", "18446744073709551615"],
-        vec!["bench", "--environments", "18446744073709551615", "--quick"],
+        vec!["bench", "--envs", "18446744073709551615", "--quick"],
     ];
     assert!(lists.len() >= 60);
     for list in &lists {

@@ -288,7 +288,7 @@ fn settings_that_nothing_reads_are_refused_as_options_and_warned_of_in_files() {
     std::fs::write(folder.join("hover.toml"), &toml).expect("written");
     let (environments, _) = exits(0, folder, &["tasks", "Hover", "--toml"]);
     std::fs::write(folder.join("environments.toml"), environments).expect("written");
-    std::fs::write(folder.join("of_0.1.toml"), "task = 'Hover'\n[apg]\nwindow = 9\n[env]\ndt = 0.016")
+    std::fs::write(folder.join("short.toml"), "task = 'Hover'\n[apg]\nhorizon = 9\n[env]\ndt = 0.016")
         .expect("written");
     for (arguments, words) in [
         ("train Track --config hover.toml", "hover.toml: task: the settings are for Hover, but the run is of Track"),
@@ -305,7 +305,7 @@ fn settings_that_nothing_reads_are_refused_as_options_and_warned_of_in_files() {
         let rest: Vec<&str> = rest
             .chain(["--no-plots", "--envs", "2", "--horizon", "3"].into_iter().filter(|_| command == "rollout"))
             .collect();
-        for file in ["hover.toml", "environments.toml", "of_0.1.toml"] {
+        for file in ["hover.toml", "environments.toml", "short.toml"] {
             exits(0, folder, &[&[command, "Hover", "--config", file][..], &rest].concat());
         }
     }

@@ -115,7 +115,7 @@ fn all_tasks_are_flown_and_named_in_one_table() {
 #[test]
 fn bench_of_a_task_compares_batches_with_one_environment() {
     let folder = temporary();
-    let arguments = ["bench", "Hover", "--quick", "--environments", "256", "--threads", "1", "--integrator", "rk4"];
+    let arguments = ["bench", "Hover", "--quick", "--envs", "256", "--threads", "1", "--integrator", "rk4"];
     let told = json(folder.path(), &arguments);
     let rows = told["rows"].as_array().expect("a list");
     let groups: Vec<&str> = rows.iter().filter_map(|r| r["group"].as_str()).collect();
@@ -164,7 +164,7 @@ fn unusable_arguments_name_value_limit_and_remedy() {
         ("rollout Hover --envs 1000000000000", "over the limit of 1 to 100000"),
         ("rollout Hover --horizon 10000000", "over the limit of 1 to 100000 steps"),
         ("rollout Hover --horizon 4294967295", "over the limit of 1 to 16777216 steps"),
-        ("bench Hover --quick --environments 1000000000000", "Step fewer environments at once"),
+        ("bench Hover --quick --envs 1000000000000", "Step fewer environments at once"),
         ("rollout Hover --threads 0", "number of threads is 0"),
         ("rollout Hover --control rate", "'rotor' for a controller"),
         ("rollout Hover --controller lqr", "[possible values: default, random, planner]"),
@@ -175,7 +175,7 @@ fn unusable_arguments_name_value_limit_and_remedy() {
         ("rollout --all --dt 0", "dt is 0"),
         ("bench --vehicle iris", "Name a task"),
         ("bench OmavHover --quick --control rate", "'rotor' for drones with tilting rotors"),
-        ("bench Hover --quick --environments 0", "n_env is 0"),
+        ("bench Hover --quick --envs 0", "n_env is 0"),
     ] {
         let list: Vec<&str> = arguments.split(' ').collect();
         let (out, err) = exits(2, folder.path(), &list);
