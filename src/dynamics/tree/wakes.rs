@@ -134,6 +134,7 @@ mod tests {
     use crate::dynamics::configurations::{SlungLoad, by_name};
     use crate::dynamics::tree::{Model, Multibody};
     use crate::dynamics::{Effects, Integrator, Physics};
+    use std::f64::consts::PI;
 
     fn system(model: &Model, load_downwash: bool, dt: f64) -> Multibody {
         let effects = Effects { load_downwash, ..Effects::none() };

@@ -6,8 +6,8 @@
 //! - DIFFERENCE: total mass everywhere (defect 5).
 
 use super::over::*;
-use super::team::{TeamSettings, lowest, observe_load};
-use super::{PoseLoss, PoseReward, PoseSuccess, StartRange, farther, less, made_of, observes_team, succeeds_within};
+use super::team::{TeamSettings, lowest, observe_load, observes_team};
+use super::{PoseLoss, PoseReward, PoseSuccess, StartRange, farther, less, made_of, succeeds_within};
 use crate::autodiff::{Mask, Scalar, StridedView, safe};
 use crate::dynamics::frame::Frame;
 use crate::error::Result;

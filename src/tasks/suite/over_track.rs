@@ -4,10 +4,9 @@
 //! - DIFFERENCE: total mass everywhere (defect 5).
 
 use super::over::*;
-use super::team::{TeamSettings, lowest, observe_load};
+use super::team::{TeamSettings, lowest, observe_load, observes_team};
 use super::{
-    PathSuccess, PoseLoss, PoseReward, StartAttitude, less, made_of, observes_team, rate_cost, speed_cost, squared,
-    succeeds_within,
+    PathSuccess, PoseLoss, PoseReward, StartAttitude, less, made_of, rate_cost, speed_cost, squared, succeeds_within,
 };
 use crate::autodiff::{Mask, Scalar, safe};
 use crate::controllers::reference::Reference;

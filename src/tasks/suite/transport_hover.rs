@@ -9,11 +9,11 @@
 //! - DIFFERENCE: total mass everywhere; the published share counts base links alone (defect 5).
 
 use super::hover::set_heading;
-use super::team::{lowest, mean_throttle_difference, observe_load, squared_separation};
+use super::team::{lowest, mean_throttle_difference, observe_load, observes_team, squared_separation};
 use super::transport::{
     BOX, BOX_NAMES, GroupLoss, GroupSettings, Load, SteadyReward, TO_TARGET, free_robot, group_loss, steady,
 };
-use super::{PoseSuccess, StartAttitude, StartRange, less, made_of, observes_team, squared, succeeds_within};
+use super::{PoseSuccess, StartAttitude, StartRange, less, made_of, squared, succeeds_within};
 use crate::autodiff::{Mask, Scalar, safe};
 use crate::dynamics::spatial::{Vec3, constants, dot, sub, yawed};
 use crate::error::Result;

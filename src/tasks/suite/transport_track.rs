@@ -8,11 +8,11 @@
 //! - DIFFERENCE: total mass everywhere; the published share counts base links alone (defect 5).
 
 use super::over_track::wide_path;
-use super::team::{lowest, mean_throttle_difference, observe_load, squared_separation};
+use super::team::{lowest, mean_throttle_difference, observe_load, observes_team, squared_separation};
 use super::transport::{
     BOX, BOX_NAMES, CarryReward, GroupLoss, GroupSettings, Load, SteadyReward, free_robot, group_loss, steady,
 };
-use super::{PathSuccess, StartAttitude, less, made_of, observes_team, succeeds_within};
+use super::{PathSuccess, StartAttitude, less, made_of, succeeds_within};
 use crate::autodiff::{Scalar, safe};
 use crate::controllers::reference::Reference;
 use crate::dynamics::spatial::{Vec3, sub};
