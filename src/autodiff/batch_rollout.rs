@@ -4,8 +4,9 @@
 //! the block interpreter in `f32`. The rollouts differ in their start; inputs and parameters are shared, and the
 //! gradient with respect to the parameters is the mean over the rollouts that stayed finite.
 
+use super::columns::BLOCK;
 use super::columns::Columns;
-use super::program::{BLOCK, BlockWorkspace, Program};
+use super::program::{BlockWorkspace, Program};
 use super::rollout::record_step;
 use super::system::{Objective, System};
 use super::trace::Recording;

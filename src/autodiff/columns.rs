@@ -1,9 +1,11 @@
 //! Numbers side by side as structure of arrays, of a block of environments or of eight steps, where registers do not straddle
 //! lines of the cache.
 
-use super::program::BLOCK;
 use bytemuck::{Pod, Zeroable};
 use std::ops::{Deref, DerefMut};
+
+/// Environments per block of the lane evaluator.
+pub const BLOCK: usize = 64;
 
 /// Row k holds number k of [`BLOCK`] environments. Each begins at a line of the cache: a register that lies across two
 /// costs two accesses.

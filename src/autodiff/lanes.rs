@@ -19,9 +19,8 @@ mod tiles;
 
 pub(crate) use tiles::{ones, to_columns, to_rows};
 
-use super::columns::LINE;
+use super::columns::{BLOCK, LINE};
 use super::custom::{Operation, Scratch};
-use super::program::BLOCK;
 use super::scalar::{Mask, Scalar};
 use super::strided::{StridedView, StridedViewMut};
 use super::unrolled::unrolled;

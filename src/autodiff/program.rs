@@ -9,6 +9,8 @@ mod block;
 mod compile;
 mod runs;
 
+pub use super::columns::BLOCK;
+
 use self::runs::{Neutral, Run};
 use super::columns::{Columns, LINE, Lines};
 use super::custom::Operation;
@@ -16,9 +18,6 @@ use super::lanes::dispatch;
 use super::scalar::Scalar;
 use super::trace::Recording;
 use crate::error::{Error, Result};
-
-/// Environments per block of the lane evaluator.
-pub const BLOCK: usize = 64;
 
 /// Most slots of a program: they are numbered by `u16`.
 pub(super) const MAX_SLOTS: usize = 1 << 16;

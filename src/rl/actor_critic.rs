@@ -15,17 +15,17 @@ mod config;
 
 pub use config::{ActorCriticConfig, Exploration};
 
-use super::algorithm::Algorithm;
 use super::checkpoint::Tensors;
 use super::experience::{Block, Experience, Explore, Flown, Streams};
-use super::learner::{Learner, Progress, Update, share_done};
+use super::learner::Algorithm;
+use super::learner::{Learner, Make, Progress, Update, share_done};
 use super::nn::elementwise::approach;
 use super::nn::fold::fold;
 use super::nn::{Activation, Memory, Mlp, Network, Pass, PerAgent, Scratch};
 use super::policy::{Actor, Policy, ROWS, network};
 use super::replay::Widths;
 use super::schedule::Schedule;
-use super::shards::{Make, shards_if, within_memory};
+use super::shards::{shards_if, within_memory};
 use super::state;
 use super::target_network::{NetWithTarget, Stride};
 use super::value_loss::judge;

@@ -1,188 +1,26 @@
-//! What an algorithm is to a run, and which there are: a name, settings, and the learner that they make.
+//! Which algorithms there are, by their names.
 //!
 //! An algorithm is the struct of its settings. It stands in files as a table of its own name; whoever trains, evaluates,
 //! resumes or draws a run sees it through [`Algorithm`] alone.
 
+pub use super::learner::{Algorithm, Plain};
+
 use super::apg::ApgConfig;
 use super::dagger::DaggerConfig;
 use super::dqn::DqnConfig;
-use super::learner::Learner;
-use super::policy::Actor;
 use super::ppo::PpoConfig;
 use super::sac::SacConfig;
 use super::shac::ShacConfig;
-use super::shards::Make;
 use super::td3::Td3Config;
 use crate::error::{Error, Result};
 use crate::layers::{self, Layer};
-use crate::parallel::Threads;
-use crate::tasks::{EnvConfig, Spec};
+use crate::tasks::EnvConfig;
+use serde::Deserialize;
 use serde::de::{DeserializeOwned, Deserializer, IgnoredAny, MapAccess, Visitor};
-use serde::{Deserialize, Serialize};
-use std::any::Any;
-use std::fmt::{self, Debug};
+use std::fmt;
 use std::marker::PhantomData;
 use std::sync::{PoisonError, RwLock};
 use toml::Table;
-
-/// A way to learn, with its settings: a struct that also derives `Debug`, `Clone`, `Default`, `Serialize` and
-/// `Deserialize`, the last with `#[serde(deny_unknown_fields, default)]`. [`register`] makes it known by its name.
-pub trait Algorithm: Plain + Send + Sync {
-    /// In files, options and folders; the name of its table.
-    fn name(&self) -> &'static str;
-
-    /// Checks every number that can be checked without building environments.
-    ///
-    /// # Errors
-    /// [`Error::Value`] or [`Error::Limit`] with the number, the rule and the remedy.
-    fn validate(&self) -> Result<()>;
-
-    /// Updates of a run.
-    fn updates(&self) -> u64;
-
-    /// With another number of updates.
-    fn set_updates(&mut self, updates: u64);
-
-    /// The shape of the policy that is learnt.
-    ///
-    /// # Errors
-    /// As [`Actor::new`].
-    fn actor(&self, spec: &Spec) -> Result<Actor>;
-
-    /// The learner at its first update, in environments that `make` makes of `env`; their number and seed are its own.
-    ///
-    /// # Errors
-    /// As the learner's.
-    fn learner(&self, make: &Make<'_>, env: &EnvConfig, seed: u64, threads: Threads) -> Result<Box<dyn Learner>>;
-
-    /// The environments as the policy sees them: with the stages that it adds to the observation.
-    fn seen(&self, env: &EnvConfig) -> EnvConfig {
-        env.clone()
-    }
-
-    /// Whether the policy that the run begins from teaches it ([`Learner::teach`]); otherwise its weights are the first ones.
-    fn is_taught(&self) -> bool {
-        false
-    }
-
-    /// Updates between two evaluations, unless settings say otherwise.
-    fn evaluate_every(&self) -> u64 {
-        100
-    }
-
-    /// What [`Update::loss`](super::Update::loss) is, for axes.
-    fn loss(&self) -> &'static str {
-        "loss"
-    }
-
-    /// Rust source in which the struct's fields are documented, and the struct's name: what settings mean, for
-    /// `train --toml`.
-    fn source(&self) -> (&'static str, &'static str) {
-        ("", "")
-    }
-}
-
-/// An [`Algorithm`] of this crate: its name, settings (with `validate`, `updates` and `network`) and learner (with `with`),
-/// whether its policy's outputs pass tanh, what its loss is, the file of the settings, the shape of its policy where that is not
-/// one without memory that agents share; then what it does otherwise.
-macro_rules! built_in {
-    ($name:literal: $config:ident => $learner:ident, squashed: $squashed:literal, loss: $loss:literal, in: $file:literal
-     $(, actor: $actor:path)?;
-     $($more:tt)*) => {
-        impl $crate::rl::algorithm::Algorithm for $config {
-            fn name(&self) -> &'static str {
-                $name
-            }
-
-            fn validate(&self) -> $crate::error::Result<()> {
-                $config::validate(self)
-            }
-
-            fn updates(&self) -> u64 {
-                self.updates
-            }
-
-            fn set_updates(&mut self, updates: u64) {
-                self.updates = updates;
-            }
-
-            fn actor(&self, spec: &$crate::tasks::Spec) -> $crate::error::Result<$crate::rl::policy::Actor> {
-                $crate::rl::algorithm::built_in!(@actor self, spec, $squashed $(, $actor)?)
-            }
-
-            fn learner(
-                &self,
-                make: &$crate::rl::parts::Make<'_>,
-                env: &$crate::tasks::EnvConfig,
-                seed: u64,
-                threads: $crate::parallel::Threads,
-            ) -> $crate::error::Result<Box<dyn $crate::rl::Learner>> {
-                Ok(Box::new($learner::with(make, env, self.clone(), seed, threads)?))
-            }
-
-            fn loss(&self) -> &'static str {
-                $loss
-            }
-
-            fn source(&self) -> (&'static str, &'static str) {
-                (include_str!($file), stringify!($config))
-            }
-
-            $($more)*
-        }
-    };
-    (@actor $own:ident, $spec:ident, $squashed:literal) => {
-        $crate::rl::policy::Actor::new($spec, &$own.network, $squashed)
-    };
-    (@actor $own:ident, $spec:ident, $squashed:literal, $actor:path) => {
-        $actor($own, $spec)
-    };
-}
-pub(super) use built_in;
-
-/// What derives give every [`Algorithm`].
-pub trait Plain: Any + Debug {
-    /// A copy.
-    fn copy(&self) -> Box<dyn Algorithm>;
-
-    /// Its settings.
-    ///
-    /// # Errors
-    /// [`Error::Value`] for a whole number above 2⁶³ − 1.
-    fn table(&self) -> Result<Table>;
-}
-
-impl<A: Algorithm + Clone + Serialize> Plain for A {
-    fn copy(&self) -> Box<dyn Algorithm> {
-        Box::new(self.clone())
-    }
-
-    fn table(&self) -> Result<Table> {
-        Table::try_from(self).map_err(unwritable)
-    }
-}
-
-pub(super) fn unwritable(error: toml::ser::Error) -> Error {
-    Error::value("configuration", error, "what TOML can hold", "Lower the seed or the limit of memory.")
-}
-
-impl dyn Algorithm {
-    /// The settings by their type.
-    pub fn get<A: Algorithm>(&self) -> Option<&A> {
-        (self as &dyn Any).downcast_ref()
-    }
-
-    /// Likewise, to change them.
-    pub fn get_mut<A: Algorithm>(&mut self) -> Option<&mut A> {
-        (self as &mut dyn Any).downcast_mut()
-    }
-}
-
-impl Clone for Box<dyn Algorithm> {
-    fn clone(&self) -> Self {
-        (**self).copy()
-    }
-}
 
 /// Reads the settings of a run: a table, and layers over it.
 type Read = fn(Table, &[Layer]) -> Result<Box<dyn Algorithm>>;

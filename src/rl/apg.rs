@@ -19,15 +19,14 @@
 //! Too high a learning rate saturates the network and never recovers. [`ApgConfig::saturation`] watches for it: the run
 //! begins again at half the rate.
 
-use super::algorithm::built_in;
 use super::checkpoint::Tensors;
 use super::checks::check_counts;
-use super::learner::{Learner, Progress, Update, share_done};
+use super::learner::{Learner, Make, Progress, Update, built_in, share_done};
 use super::nn::{AdamConfig, Layers};
 use super::policy::{Actor, Policy};
 use super::policy_optimiser::{PolicyOptimiser, check_optimiser};
 use super::schedule::Schedule;
-use super::shards::{Make, begin_statistics, normalise, set_difficulty, shards_if};
+use super::shards::{begin_statistics, normalise, set_difficulty, shards_if};
 use super::state;
 use super::warm_start::WarmStart;
 use super::window::{Window, check_windows, gather, windows};

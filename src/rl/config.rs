@@ -18,13 +18,13 @@
 
 mod run;
 
-use super::algorithm::{self, Algorithm, Variant, unwritable};
+use super::algorithm::{self, Algorithm, Variant};
 use super::apg::ApgConfig;
 use super::config_diff::{ConfigDifference, config_diff};
 use super::curriculum::Curriculum;
-use super::learner::Learner;
+use super::learner::{Learner, unwritable};
 use super::predecessor::{self, SAFE};
-use super::recipes::recipe;
+use super::recipes::{USUAL, recipe};
 use crate::documented::fields;
 use crate::error::{Error, Result};
 use crate::layers::{self, Layer, merge};
@@ -500,9 +500,6 @@ impl TrainConfig {
         self.algorithm.seen(&self.env)
     }
 }
-
-/// The algorithm of a task without recipes.
-pub(super) const USUAL: &str = "apg";
 
 /// By all settings that a file holds.
 impl PartialEq for TrainConfig {

@@ -19,17 +19,17 @@
 mod learnt;
 mod teacher;
 
-use super::algorithm::built_in;
 use super::checkpoint::Tensors;
 use super::checks::{check_counts, check_positive};
 use super::critic::shuffle;
-use super::learner::{Episodes, Learner, Progress, Update, share_done};
+use super::learner::built_in;
+use super::learner::{Episodes, Learner, Make, Progress, Update, share_done};
 use super::minibatch::{Minibatch, Sums, part};
 use super::nn::{AdamConfig, Layers, Memory};
 use super::policy::{Actor, Policy, ROWS};
 use super::policy_optimiser::PolicyOptimiser;
 use super::schedule::Schedule;
-use super::shards::{Make, Shard, begin_statistics, episodes, normalise, set_difficulty, shards_if, within_memory};
+use super::shards::{Shard, begin_statistics, episodes, normalise, set_difficulty, shards_if, within_memory};
 use super::state;
 use super::warm_start::WarmStart;
 use super::window::mask_nonfinite;

@@ -17,12 +17,12 @@ pub use config::{DqnConfig, Mixer};
 
 use super::checkpoint::Tensors;
 use super::experience::{Block, Experience, Explore, Streams};
-use super::learner::{Learner, Progress, Update, share_done};
+use super::learner::{Learner, Make, Progress, Update, built_in, share_done};
 use super::nn::fold::fold;
 use super::nn::{Activation, Memory, Mlp, Network, Output, Pass, PerAgent, Scratch};
 use super::policy::{Actor, Policy, ROWS, network};
 use super::replay::Widths;
-use super::shards::{Make, shards_if, within_memory};
+use super::shards::{shards_if, within_memory};
 use super::state;
 use super::target_network::{NetWithTarget, Stride};
 use super::value_loss::{Huber, judge};
@@ -147,6 +147,14 @@ struct Work {
 
 /// What an update leaves of the statistics of the targets.
 const VALUE_BETA: f64 = 0.98;
+
+built_in! {
+    "dqn": DqnConfig => Dqn, squashed: false, loss: "error of the values", in: "dqn/config.rs", actor: DqnConfig::actor;
+
+    fn seen(&self, env: &EnvConfig) -> EnvConfig {
+        DqnConfig::seen(self, env)
+    }
+}
 
 /// Deep Q-learning, in the middle of a run.
 pub struct Dqn {

@@ -14,11 +14,12 @@
 
 pub use super::critic::{Critic, Fit, shuffle};
 pub use super::gae::{Steps, advantages};
+pub use super::learner::Make;
 pub use super::minibatch::{BlockLoss, Minibatch, Sums, part as minibatch};
 pub use super::policy_optimiser::PolicyOptimiser;
 pub use super::recall::Recall;
 pub use super::rollout::{Collector, CriticSees, How, Part as RolloutPart, Rollout, Seen as RolloutSeen, Shape};
 pub use super::sequences::{Sequence, Sequences, sequences};
-pub use super::shards::{Make, Shard, episodes, normalise, shards};
+pub use super::shards::{Shard, episodes, normalise, shards};
 pub use super::value_norm::ValueNorm;
 pub use super::window::{Objective, Seen as WindowSeen, Step as WindowStep, Window, gather, windows};

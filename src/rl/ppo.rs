@@ -34,7 +34,7 @@ use ratios::Ratios;
 use super::checkpoint::Tensors;
 use super::critic::{Critic, Fit, shuffle};
 use super::input_scale::InputScale;
-use super::learner::{Episodes, Learner, Progress, Update, share_done};
+use super::learner::{Episodes, Learner, Make, Progress, Update, built_in, share_done};
 use super::minibatch::{BlockLoss, Minibatch, Sums, part};
 use super::nn::elementwise::{self, exp};
 use super::nn::gaussian::Gaussians;
@@ -43,7 +43,7 @@ use super::nn::{Adam, Output, Recurrence, Transposed, Weights, clip_norm};
 use super::policy::{Actor, Policy, ROWS};
 use super::rollout::{Collector, CriticSees, How, Rollout, Shape};
 use super::sequences::{Sequence, Sequences, sequences};
-use super::shards::{Make, begin_statistics, normalise, set_difficulty, shards_if};
+use super::shards::{begin_statistics, normalise, set_difficulty, shards_if};
 use super::state;
 use super::value_norm::ValueNorm;
 use super::warm_start::WarmStart;
@@ -52,6 +52,19 @@ use crate::parallel::Threads;
 use crate::rng::{Purpose, Stream};
 use crate::tasks::{Env, EnvConfig, Spec};
 use std::time::{Duration, Instant};
+
+built_in! {
+    "ppo": PpoConfig => Ppo, squashed: false, loss: "−(clipped surrogate + entropy bonus)", in: "ppo/config.rs", actor: PpoConfig::actor;
+
+    fn seen(&self, env: &EnvConfig) -> EnvConfig {
+        PpoConfig::seen(self, env)
+    }
+
+    /// Updates are few and long.
+    fn evaluate_every(&self) -> u64 {
+        20
+    }
+}
 
 /// Proximal policy optimisation, in the middle of a run.
 pub struct Ppo {

@@ -1,60 +1,18 @@
 //! The policy that a run begins from: that of another run, or one that is trained first by its recipe.
 
-use super::config::{NOT_OF_ENV, TrainConfig, USUAL};
+use super::config::{NOT_OF_ENV, TrainConfig};
+use super::learner::unwritable;
 use super::policy::{Actor, Policy};
-use super::policy_io::load_policy;
-use super::recipes::recipes_of;
-use super::trainer::{Trainer, Watch};
+use super::recipes::{USUAL, recipes_of};
 use super::warm_start::WarmStart;
 use crate::error::{Error, Result};
 use crate::layers::{self, Layer, merge};
-use crate::parallel::Threads;
 use crate::tasks::{Env, EnvConfig, Spec};
 use std::path::Path;
 use toml::{Table, Value};
 
 /// What [`TrainConfig::from`] says for random weights whose mean action is the safe command.
 pub(crate) const SAFE: &str = "safe_command";
-
-/// A policy to begin from, and what it cost.
-pub(crate) struct Predecessor {
-    pub policy: Policy,
-    /// Of the environments that it was trained in.
-    pub spec: Spec,
-    /// Time that this run spent on it, s.
-    pub seconds: f64,
-    /// Steps of environments that this run spent on it.
-    pub env_steps: u64,
-    /// Whether its training was asked to stop.
-    pub stopped: bool,
-}
-
-/// What [`TrainConfig::from`] names: the folder of a run or checkpoint; or `Task`, `Task/algorithm` or `/algorithm`, which is
-/// trained by its recipe and [`TrainConfig::from_settings`], with the seed, vehicle and control mode of `config`, and kept in `folder` where there is one, so
-/// that it goes on behind a kill.
-///
-/// # Errors
-/// As [`load_policy`], [`TrainConfig::layered`] and [`Trainer::run`].
-pub(crate) fn predecessor(
-    config: &TrainConfig,
-    folder: Option<&Path>,
-    threads: &Threads,
-    watch: &mut Watch<'_>,
-) -> Result<Predecessor> {
-    let Some((task, own)) = checked(config)? else {
-        let saved = load_policy(&config.from)?;
-        let spec = spec(&saved.manifest.task, &saved.config)?;
-        return Ok(Predecessor { policy: saved.policy, spec, seconds: 0.0, env_steps: 0, stopped: false });
-    };
-    let spec = spec(&task, &own)?;
-    let mut trainer = Trainer::new(&task, own, threads.clone())?;
-    if let Some(folder) = folder {
-        trainer = trainer.in_folder(folder, true)?;
-    }
-    let told = trainer.run(watch)?;
-    let (seconds, env_steps, stopped) = (told.seconds, told.env_steps, told.stopped);
-    Ok(Predecessor { policy: told.policy, spec, seconds, env_steps, stopped })
-}
 
 /// As [`predecessor_config`], but refuses a teacher that does not fit, which would be trained in vain.
 ///
@@ -103,7 +61,7 @@ pub(crate) fn predecessor_config(config: &TrainConfig) -> Result<Option<(String,
     Ok(Some((task.into(), own)))
 }
 
-fn spec(task: &str, config: &TrainConfig) -> Result<Spec> {
+pub(super) fn spec(task: &str, config: &TrainConfig) -> Result<Spec> {
     Ok(Env::make(task, &EnvConfig { n_env: 1, ..config.seen_env() })?.spec().clone())
 }
 
@@ -116,7 +74,7 @@ fn inherited(config: &TrainConfig, algorithm: &str) -> Result<Layer> {
     let mut table = Table::new();
     let seed = i64::try_from(config.seed).unwrap_or(i64::MAX);
     merge(&mut table, layers::at("seed", seed.into()));
-    let env = Table::try_from(&config.env).map_err(super::algorithm::unwritable)?;
+    let env = Table::try_from(&config.env).map_err(unwritable)?;
     let teaches = config.algorithm.is_taught();
     let own_affair = |key: &str| key == "observation" || NOT_OF_ENV.iter().any(|(own, _)| *own == key);
     for (key, value) in env {

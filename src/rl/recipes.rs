@@ -4,8 +4,6 @@
 //! of a [variant](super::algorithm::VARIANTS) goes over the variant's settings, which go over the recipe of its algorithm.
 //! Where a pair of task and algorithm has none, the defaults hold.
 
-use super::config::USUAL;
-
 /// A recipe by the name of its file: task and algorithm, `hover.apg`.
 macro_rules! file {
     ($name:literal) => {
@@ -61,6 +59,9 @@ pub static RECIPES: &[(&str, &str)] = &[
     file!("formation.shac"),
     file!("formation.ppo"),
 ];
+
+/// The algorithm of a task without recipes.
+pub(super) const USUAL: &str = "apg";
 
 /// Algorithm and text of a task's recipes, its usual one first.
 fn of_task(task: &str) -> impl Iterator<Item = (&'static str, &'static str)> {

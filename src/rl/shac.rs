@@ -17,18 +17,18 @@
 //! w rises from 0 to 1 over the first part of the run ([`ShacConfig::ramp`]): the gradient of an untrained critic, times
 //! 1/(1 − γ), drowns the exact one. (Xu et al. 2022; the ramp is our own finding.)
 
-use super::algorithm::built_in;
 use super::checkpoint::Tensors;
 use super::checks::{check_counts, check_positive};
 use super::critic::{Critic, Fit, shuffle};
 use super::gae::{Steps, advantages};
-use super::learner::{Learner, Progress, Update, share_done};
+use super::learner::built_in;
+use super::learner::{Learner, Make, Progress, Update, share_done};
 use super::minibatch::part;
 use super::nn::{Activation, AdamConfig, Layers, Memory, Scratch};
 use super::policy::{Actor, Policy};
 use super::policy_optimiser::{PolicyOptimiser, check_optimiser};
 use super::schedule::Schedule;
-use super::shards::{Make, begin_statistics, normalise, set_difficulty, shards_if};
+use super::shards::{begin_statistics, normalise, set_difficulty, shards_if};
 use super::state;
 use super::warm_start::WarmStart;
 use super::window::{Objective, Window, check_windows, gather, windows};

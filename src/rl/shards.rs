@@ -4,17 +4,13 @@
 //! of all of them, after which all threads wait, but a whole window of some: a shard. Shards are cut by size alone and
 //! folded in order, so that results are the same bits for any number of threads.
 
-use super::learner::Episodes;
+use super::learner::{Episodes, Make};
 use crate::error::{Error, Result};
 use crate::memory::Request;
 use crate::parallel::Threads;
 use crate::tasks::env::Pending;
 use crate::tasks::{Autoreset, Buffers, Column, Env, EnvConfig, Spec, Stage, Statistics};
 use std::fmt::Display;
-
-/// Makes environments of a configuration: of a built-in task `|config| Env::make("Hover", config)`, or of one's own
-/// `|config| Env::of(Climb::new(config)?, "Climb", config)`.
-pub type Make<'a> = dyn Fn(&EnvConfig) -> Result<Env> + 'a;
 
 /// Most shards of a batch: each has tensors of its own in a checkpoint.
 const MAX_SHARDS: usize = 2048;

@@ -21,6 +21,8 @@
 //! | `eval_…` | figures of an [`Evaluation`], where one was made |
 //! | `time_…` | share of each phase in the time since the last line |
 
+mod predecessor;
+
 use super::checkpoint::{Checkpoint, Manifest, Skipped, Store, Tensors, Writer, check_room};
 use super::config::TrainConfig;
 use super::config_diff::described;
@@ -30,7 +32,7 @@ use super::learner::{Episodes, Learner, Update};
 use super::log::{Curve, Line, Log};
 use super::policy::Policy;
 use super::policy_io::put_policy;
-use super::predecessor::{Predecessor, SAFE, predecessor};
+use super::predecessor::SAFE;
 use super::state;
 use super::warm_start::WarmStart;
 use crate::autodiff::lanes::instruction_set;
@@ -38,6 +40,7 @@ use crate::error::{Error, Result};
 use crate::file_gate;
 use crate::parallel::Threads;
 use crate::tasks::{Env, EnvConfig, Evaluation, registry};
+use predecessor::{Predecessor, predecessor};
 use serde_json::json;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};

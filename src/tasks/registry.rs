@@ -1,5 +1,8 @@
 //! Every built-in task: one line each; and tasks of one's own, made known by [`register`].
 
+#[doc(no_inline)]
+pub use super::task::BuiltIn;
+
 use super::config::EnvConfig;
 use super::env::Env;
 use super::suite::dragon_hover::DragonHover;
@@ -25,19 +28,9 @@ use super::suite::transport_fly_through::TransportFlyThrough;
 use super::suite::transport_hover::TransportHover;
 use super::suite::transport_track::TransportTrack;
 use super::suite::variants;
-use super::task::Task;
 use crate::error::{Error, Result};
 use crate::layers::{self, Layer};
 use std::sync::{PoisonError, RwLock};
-
-/// A task that is made from a configuration alone: what a name can stand for.
-pub trait BuiltIn: Task + Sized {
-    /// With the vehicle and settings of a configuration.
-    ///
-    /// # Errors
-    /// As [`EnvConfig::settings`], [`EnvConfig::vehicle`] and the model that flies.
-    fn new(config: &EnvConfig) -> Result<Self>;
-}
 
 /// One line of the registry.
 #[derive(Debug, Clone, Copy)]
@@ -148,6 +141,16 @@ impl Entry {
     /// None for the registry as it is: a test reads them all.
     pub fn default_config(&self) -> Result<EnvConfig> {
         EnvConfig::from_toml(self.defaults, self.name)
+    }
+}
+
+impl Env {
+    /// A registered task by its name (case does not matter), with its own defaults under the configuration.
+    ///
+    /// # Errors
+    /// [`Error::Unknown`] with the nearest name; otherwise as [`Env::of`].
+    pub fn make(task: &str, config: &EnvConfig) -> Result<Self> {
+        by_name(task)?.env(config)
     }
 }
 

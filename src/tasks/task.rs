@@ -7,6 +7,7 @@
 //!
 //! To add one: a file with a struct that implements [`Task`], and a line in the [registry](super::registry).
 
+use super::config::EnvConfig;
 use super::declare::{Ends, Goal, Loss, Writer};
 use super::robot::{DronePlace, Robot};
 use super::settings::Setting;
@@ -16,6 +17,7 @@ use crate::controllers::reference::{Hover, Reference, Tilt, Waypoint, Waypoints}
 use crate::dynamics::frame::{FRAME, Frame};
 use crate::dynamics::scene::Scene;
 use crate::dynamics::spatial::{Quat, Vec3, from_euler, rotate, sub};
+use crate::error::Result;
 use crate::rng::{Purpose, Stream};
 use std::f64::consts::{PI, TAU};
 
@@ -120,6 +122,15 @@ pub trait Task: Send + Sync + 'static {
 
     /// A state and goal with which the reward, effort aside, comes within 1e-6 of its bound.
     fn ideal(&self, start: &mut Start<'_>);
+}
+
+/// A task that is made from a configuration alone: what a name can stand for.
+pub trait BuiltIn: Task + Sized {
+    /// With the vehicle and settings of a configuration.
+    ///
+    /// # Errors
+    /// As [`EnvConfig::settings`], [`EnvConfig::vehicle`] and the model that flies.
+    fn new(config: &EnvConfig) -> Result<Self>;
 }
 
 /// What controllers track.
@@ -358,6 +369,11 @@ impl Start<'_> {
         let (roll, pitch) = (self.reset.uniform(-tilt, tilt), self.reset.uniform(-tilt, tilt));
         from_euler(roll, pitch, self.reset.uniform(yaw[0], yaw[1]))
     }
+}
+
+/// A factor of a curriculum that is `ease` at difficulty 0 and 1 at difficulty 1.
+pub(crate) fn eased(ease: f64, difficulty: f64) -> f64 {
+    1.0 - (1.0 - ease) * (1.0 - difficulty)
 }
 
 /// Any yaw.

@@ -6,8 +6,7 @@
 //! - DIFFERENCE: starts are on the scaled curve; published ones miss it by up to 0.18 m (defect 21).
 
 use super::declare::Writer;
-use super::suite::eased;
-use super::task::Start;
+use super::task::{Start, eased};
 use crate::autodiff::{Scalar, StridedView, safe};
 use crate::controllers::reference::{Lemniscate, lemniscate_curve, lemniscate_phase};
 use crate::dynamics::GRAVITY;

@@ -15,7 +15,7 @@
 //! | [`mod@robustness`] | a box of plants: the share of stable ones, the least margin in it |
 //! | `stability` | whether a loop settles, grows, or neither |
 //! | [`mod@trim`] | steady flights: hover, forward flight, turns, spins |
-//! | [`mod@tune`] | gains by descent on flights |
+//! | `plan`, [`mod@tune`] | what gains are tuned on; gains by descent on flights |
 //! | `tuned_loop` | those flights: the loop over ln K, starts, plants |
 
 pub mod error_state;
@@ -27,6 +27,7 @@ pub mod loop_model;
 pub mod lqr;
 mod margin_constraint;
 pub mod margin_gate;
+mod plan;
 pub mod riccati;
 pub mod robustness;
 mod stability;

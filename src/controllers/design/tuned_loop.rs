@@ -4,7 +4,7 @@
 //! block fly plants of their own under the same gains.
 
 use super::margin_gate::Corner;
-use super::tune::TunePlan;
+use super::plan::TunePlan;
 use crate::autodiff::{Objective, Scalar, System};
 use crate::controllers::cascade_law::CascadeLaw;
 use crate::controllers::closed_loop::ClosedLoop;

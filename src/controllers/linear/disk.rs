@@ -49,7 +49,7 @@ impl DiskMargin {
 /// # Errors
 /// As [`margins`](super::margins()).
 pub fn disk_margin(system: &StateSpace, skew: f64) -> Result<DiskMargin> {
-    super::margins::one_loop(system)?;
+    super::state_space::one_loop(system)?;
     disk_margin_of(&sensitivity(system)?, &[0], skew, true)
 }
 

@@ -7,9 +7,9 @@
 use super::dense::pencil_eigenvalues;
 use super::norms::h_infinity;
 use super::response::frequencies;
-use super::state_space::{StateSpace, blocks};
+use super::state_space::{StateSpace, blocks, one_loop};
 use super::swept::Swept;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use nalgebra::{Complex, DMatrix};
 use std::f64::consts::TAU;
 
@@ -46,7 +46,7 @@ pub struct Margins {
 /// The margins of `system`, one input and one output, closed with −1.
 ///
 /// # Errors
-/// [`Error::Value`] for more inputs or outputs, or where eigenvalues are not found.
+/// [`Error::Value`](crate::error::Error::Value) for more inputs or outputs, or where eigenvalues are not found.
 pub fn margins(system: &StateSpace) -> Result<Margins> {
     one_loop(system)?;
     let closed = system.feedback(&unit(system)?)?;
@@ -102,14 +102,6 @@ pub fn sensitivity(system: &StateSpace) -> Result<StateSpace> {
 /// As [`StateSpace::feedback`].
 pub fn complementary(system: &StateSpace) -> Result<StateSpace> {
     system.feedback(&unit(system)?)
-}
-
-pub(super) fn one_loop(system: &StateSpace) -> Result<()> {
-    if (system.n_input(), system.n_output()) == (1, 1) {
-        return Ok(());
-    }
-    let got = format!("{} inputs, {} outputs", system.n_input(), system.n_output());
-    Err(Error::value("the loop", got, "one input and one output", "Select one channel, or ask for a disk margin."))
 }
 
 fn unit(system: &StateSpace) -> Result<StateSpace> {

@@ -91,7 +91,7 @@ pub fn zeros(system: &StateSpace) -> Result<Vec<Complex<f64>>> {
 /// # Errors
 /// [`Error::Value`] for more than one input or output; as [`StateSpace::feedback`].
 pub fn root_locus(system: &StateSpace, gains: &[f64]) -> Result<Vec<Vec<Complex<f64>>>> {
-    super::margins::one_loop(system)?;
+    super::state_space::one_loop(system)?;
     let mut rows: Vec<Vec<Complex<f64>>> = Vec::with_capacity(gains.len());
     for gain in gains {
         let back = StateSpace::gain(DMatrix::from_element(1, 1, *gain), system.dt())?;

@@ -1,10 +1,16 @@
 //! Linear systems with named signals, and their connections.
 
 use super::dense::Complexes;
-use super::structure::{ON_CIRCLE, ROUNDED};
 use crate::error::{Error, Result};
 use nalgebra::{Complex, DMatrix};
 use serde::{Deserialize, Serialize};
+
+/// A pole that is nearer to the unit circle, from inside, decays so slowly that it counts as one that does not: to 1/e in a
+/// billion samples.
+pub const ON_CIRCLE: f64 = 1e-9;
+
+/// Numbers below this share of their row or their column are what rounding left of none.
+pub(super) const ROUNDED: f64 = 1e-13;
 
 /// A number that a system holds, takes or gives.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -396,6 +402,14 @@ pub(crate) fn blocks(a: &DMatrix<f64>, b: &DMatrix<f64>, c: &DMatrix<f64>, d: &D
 pub(crate) fn stacked(above: &DMatrix<f64>, below: &DMatrix<f64>) -> DMatrix<f64> {
     let n = above.nrows();
     DMatrix::from_fn(n + below.nrows(), above.ncols(), |i, j| if i < n { above[(i, j)] } else { below[(i - n, j)] })
+}
+
+pub(super) fn one_loop(system: &StateSpace) -> Result<()> {
+    if (system.n_input(), system.n_output()) == (1, 1) {
+        return Ok(());
+    }
+    let got = format!("{} inputs, {} outputs", system.n_input(), system.n_output());
+    Err(Error::value("the loop", got, "one input and one output", "Select one channel, or ask for a disk margin."))
 }
 
 pub(crate) fn beside(left: &DMatrix<f64>, right: &DMatrix<f64>) -> DMatrix<f64> {

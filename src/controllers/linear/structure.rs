@@ -8,17 +8,14 @@
 //! Source: Rosenbrock 1970; Paige 1981 for the ranks.
 
 use super::dense::{eigenvalues, svd};
-use super::state_space::{Signal, StateSpace, beside};
+pub use super::state_space::ON_CIRCLE;
+use super::state_space::{ROUNDED, Signal, StateSpace, beside};
 use crate::error::Result;
 use nalgebra::{Complex, DMatrix};
 
 /// A coupling below this share of the others counts as none. A feedback through it would need gains a billion times those of the
 /// rest, and rounding of a linearised model (1e-15 of its numbers) lies far below.
 pub const NO_COUPLING: f64 = 1e-9;
-
-/// A pole that is nearer to the unit circle, from inside, decays so slowly that it counts as one that does not: to 1/e in a
-/// billion samples.
-pub const ON_CIRCLE: f64 = 1e-9;
 
 /// How far rounding moves poles off the unit circle that come from `n` integrators in a row: rate, angle, velocity, place are four.
 pub(crate) fn rounding(n: usize) -> f64 {
@@ -234,8 +231,6 @@ fn scaled(value: f64, power: f64) -> f64 {
     if value == 0.0 { 0.0 } else { value * power.exp() }
 }
 
-/// Numbers below this share of their row or their column are what rounding left of none.
-pub(super) const ROUNDED: f64 = 1e-13;
 /// Weakest links that sizes are found from, as shares of the strongest of their row and column.
 const LINKS: [f64; 3] = [ROUNDED, NO_COUPLING, 1e-6];
 

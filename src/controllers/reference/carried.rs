@@ -1,8 +1,8 @@
 //! The way of a drone whose load follows a path.
 
-use super::Curve;
 use super::lemniscate::Lemniscate;
 use super::setpoint::Setpoint;
+use super::trajectory::{Curve, within};
 use super::waypoints::Waypoints;
 use crate::autodiff::jet::Jet;
 use crate::autodiff::unrolled::unrolled;
@@ -85,7 +85,7 @@ impl Curve for Carried {
         if let LoadPath::Lemniscate(path) = &self.path {
             path.validate()?;
         }
-        super::within("carried.lever", &[self.lever], -1e3, 1e3)
+        within("carried.lever", &[self.lever], -1e3, 1e3)
     }
 
     #[inline(always)]

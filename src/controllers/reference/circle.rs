@@ -1,6 +1,6 @@
 //! A horizontal circle with a smooth start.
 
-use super::{Curve, coordinates, within};
+use super::trajectory::{Curve, coordinates, within};
 use crate::autodiff::Scalar;
 use crate::dynamics::spatial::Vec3;
 use crate::error::Result;

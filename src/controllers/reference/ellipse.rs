@@ -1,7 +1,7 @@
 //! An ellipse, level or standing, with a smooth start.
 
 use super::circle::smooth_phase;
-use super::{Curve, coordinates, within};
+use super::trajectory::{Curve, coordinates, within};
 use crate::autodiff::Scalar;
 use crate::dynamics::spatial::Vec3;
 use crate::error::Result;

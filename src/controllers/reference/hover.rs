@@ -1,6 +1,6 @@
 //! Points: stay at one, or jump to another.
 
-use super::{Curve, coordinates, within};
+use super::trajectory::{Curve, coordinates, within};
 use crate::autodiff::Scalar;
 use crate::dynamics::spatial::{Vec3, constants};
 use crate::error::Result;

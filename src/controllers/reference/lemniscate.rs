@@ -1,6 +1,6 @@
 //! The figure of eight of the paper's Track tasks.
 
-use super::{Curve, coordinates, within};
+use super::trajectory::{Curve, coordinates, within};
 use crate::autodiff::Scalar;
 use crate::dynamics::spatial::Vec3;
 use crate::error::Result;

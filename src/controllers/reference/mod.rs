@@ -25,7 +25,7 @@ pub use trajectory::{Curve, Own, Series, Trajectory};
 pub use waypoints::{MAX_WAYPOINTS, Waypoint, Waypoints};
 
 use crate::autodiff::jet::Jet;
-use crate::error::{Error, Result, finite};
+use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
@@ -136,25 +136,6 @@ impl Reference {
     /// When the motion is over, s; `None` for shapes without an end.
     pub fn duration(&self) -> Option<f64> {
         self.trajectory().duration()
-    }
-}
-
-/// Largest coordinate of a reference, m, and largest yaw, rad.
-const LARGEST: f64 = 1e6;
-
-/// Finite and no larger than a map.
-fn coordinates(what: &str, values: &[f64]) -> Result<()> {
-    within(what, values, -LARGEST, LARGEST)
-}
-
-/// Finite and within [`low`, `high`].
-fn within(what: &str, values: &[f64], low: f64, high: f64) -> Result<()> {
-    finite(what, values)?;
-    match values.iter().find(|v| **v < low || **v > high) {
-        None => Ok(()),
-        Some(v) => {
-            Err(Error::value(what, v, format!("within [{low}, {high}]"), "Give it in metres, radians, seconds."))
-        }
     }
 }
 

@@ -1,6 +1,7 @@
 //! Roll and pitch beside a reference, for vehicles whose force does not follow their attitude.
 
-use super::{Reference, within};
+use super::Reference;
+use super::trajectory::within;
 use crate::autodiff::Scalar;
 use crate::autodiff::jet::Jet;
 use crate::controllers::attitude::Orientation;

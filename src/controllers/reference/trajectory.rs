@@ -4,7 +4,7 @@ use super::setpoint::Setpoint;
 use crate::autodiff::Scalar;
 use crate::autodiff::jet::Jet;
 use crate::dynamics::spatial::Vec3;
-use crate::error::Result;
+use crate::error::{Error, Result, finite};
 use std::sync::Arc;
 
 /// Position (world, m) and yaw (rad) as Taylor series in time.
@@ -132,5 +132,24 @@ impl PartialEq for Own {
 impl std::fmt::Debug for Own {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_tuple("Own").field(&self.0.name()).finish()
+    }
+}
+
+/// Largest coordinate of a reference, m, and largest yaw, rad.
+const LARGEST: f64 = 1e6;
+
+/// Finite and no larger than a map.
+pub(super) fn coordinates(what: &str, values: &[f64]) -> Result<()> {
+    within(what, values, -LARGEST, LARGEST)
+}
+
+/// Finite and within [`low`, `high`].
+pub(super) fn within(what: &str, values: &[f64], low: f64, high: f64) -> Result<()> {
+    finite(what, values)?;
+    match values.iter().find(|v| **v < low || **v > high) {
+        None => Ok(()),
+        Some(v) => {
+            Err(Error::value(what, v, format!("within [{low}, {high}]"), "Give it in metres, radians, seconds."))
+        }
     }
 }

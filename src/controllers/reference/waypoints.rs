@@ -1,6 +1,6 @@
 //! A path through points with the least snap.
 
-use super::{Curve, coordinates, within};
+use super::trajectory::{Curve, coordinates, within};
 use crate::autodiff::Scalar;
 use crate::dynamics::spatial::Vec3;
 use crate::error::{Error, Result};

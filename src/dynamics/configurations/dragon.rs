@@ -24,7 +24,7 @@
 //! A link has 0.613 kg, four 2.452 kg. DIFFERENCE: rotors' reaction torques act on the module that carries them, not on
 //! the link; rotors are the links' own in order, and there is one `Drone` per module.
 
-use super::{Configuration, DroneMap, PER_DEGREE, pair};
+use super::configuration::{Configuration, DroneMap, PER_DEGREE, pair};
 use crate::dynamics::assembly::{Assembly, Join, Kind, Servo, Solid, rod};
 use crate::dynamics::vehicle::{Inertia, Rotor};
 use crate::error::{Error, Result};

@@ -16,7 +16,7 @@
 //! at √(3/4) = 0.87 rad/s, which nobody asked for (defect 20): `damping` is a parameter, 0 as published. Observations
 //! should read the frame, not the mount (19): [`GateMap::frame`].
 
-use super::Configuration;
+use super::configuration::Configuration;
 use crate::dynamics::assembly::{Assembly, Join, Kind, Placement, Solid, WORLD, rod};
 use crate::dynamics::shape::Shape;
 use crate::dynamics::vehicle::Inertia;

@@ -13,7 +13,7 @@
 //!
 //! DIFFERENCE: `InvPendulumHover` ignores its bar length (defect 23); here it is a parameter like any other.
 
-use super::{Configuration, DroneMap, PER_DEGREE, pair};
+use super::configuration::{Configuration, DroneMap, PER_DEGREE, pair};
 use crate::dynamics::assembly::{Assembly, Join, Kind, Solid};
 use crate::dynamics::vehicle::Vehicle;
 use crate::dynamics::vehicles::hummingbird;

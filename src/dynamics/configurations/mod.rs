@@ -23,6 +23,7 @@
 //! # Ok::<(), omnidrones::error::Error>(())
 //! ```
 
+mod configuration;
 pub mod dragon;
 pub mod environment;
 pub mod gate;
@@ -33,6 +34,8 @@ pub mod platform;
 pub mod slung_load;
 pub mod transport;
 
+pub(crate) use configuration::PER_DEGREE;
+pub use configuration::{Configuration, DroneMap};
 pub use dragon::{Dragon, DragonLink, DragonMap};
 pub use environment::environment;
 pub use gate::{Gate, GateMap};
@@ -45,45 +48,6 @@ pub use transport::{Carrier, Transport, TransportMap};
 
 use super::tree::Model;
 use crate::error::{Error, Result};
-
-/// Converts a coefficient per degree into one per radian.
-pub(crate) const PER_DEGREE: f64 = 180.0 / std::f64::consts::PI;
-
-/// A model and the names of its parts as numbers.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Configuration<M> {
-    /// For [`Multibody`](crate::dynamics::tree::Multibody).
-    pub model: Model,
-    /// Bodies, joints and rotors by name.
-    pub map: M,
-}
-
-/// A vehicle within a model.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct DroneMap {
-    /// Number of its body.
-    pub body: usize,
-    /// Numbers of its rotors, in the vehicle's order.
-    pub rotors: Vec<usize>,
-}
-
-impl DroneMap {
-    /// The drone that the part `name` became.
-    fn find(model: &Model, name: &str) -> Result<Self> {
-        let drone = model.drones().iter().find(|d| d.name == name).ok_or_else(|| Error::Unknown {
-            kind: "drone",
-            name: name.into(),
-            known: model.drones().iter().map(|d| d.name.clone()).collect(),
-        })?;
-        Ok(Self { body: drone.body, rotors: drone.rotors.clone() })
-    }
-}
-
-/// Numbers of the two hinges of a universal joint.
-fn pair(model: &Model, joint: &str, letters: [&str; 2]) -> Result<[usize; 2]> {
-    let [a, b] = letters.map(|l| model.joint(&format!("{joint}.{l}")));
-    Ok([a?, b?])
-}
 
 /// One line of the registry.
 #[derive(Debug, Clone, Copy)]

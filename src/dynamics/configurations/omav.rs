@@ -17,7 +17,7 @@
 //! DIFFERENCE: rotor commands come in the order of names, `rotor_0` … `rotor_11`, then the tilts in order. One `Drone`
 //! for the whole vehicle, at its core.
 
-use super::{Configuration, DroneMap};
+use super::configuration::{Configuration, DroneMap};
 use crate::dynamics::assembly::{Assembly, Join, Kind, Placement, Servo, Solid};
 use crate::dynamics::vehicle::{Part, Vehicle};
 use crate::dynamics::vehicles::omav;

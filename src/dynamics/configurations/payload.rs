@@ -12,7 +12,7 @@
 //! | drone | Hummingbird | the paper's |
 //! | stops | natural rate 30 rad/s, dissipation 3 s/rad | our assumption |
 
-use super::{Configuration, DroneMap, PER_DEGREE, pair};
+use super::configuration::{Configuration, DroneMap, PER_DEGREE, pair};
 use crate::dynamics::assembly::{Assembly, Join, Kind, Solid};
 use crate::dynamics::vehicle::Vehicle;
 use crate::dynamics::vehicles::hummingbird;

@@ -17,7 +17,7 @@
 //! With two drones the frame is a bar with 2.9e-5 kg m² about its own axis, which the two hinges along it damp at 4000 1/s:
 //! stiff. RK4 takes joint damping explicitly and diverges there above 0.7 ms; `SemiImplicit` takes it implicitly.
 
-use super::{Configuration, DroneMap, PER_DEGREE, pair};
+use super::configuration::{Configuration, DroneMap, PER_DEGREE, pair};
 use crate::dynamics::assembly::{Assembly, Join, Kind, Placement, Solid, rod};
 use crate::dynamics::vehicle::Vehicle;
 use crate::dynamics::vehicles::hummingbird;

@@ -15,7 +15,7 @@
 //!
 //! Unlike the bar of [`Payload`](super::Payload), a cable pulls and never pushes, and lets the drone turn freely.
 
-use super::{Configuration, DroneMap};
+use super::configuration::{Configuration, DroneMap};
 use crate::dynamics::GRAVITY;
 use crate::dynamics::assembly::{Assembly, Member, Solid, group, single};
 use crate::dynamics::tree::{CABLE_ROUND, Cable, CableEnd};

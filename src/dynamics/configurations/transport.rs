@@ -18,7 +18,7 @@
 //! - The anchors' balls (no mass given, no collision) are left out: the bars' joints sit on the box.
 //! - Joints are found by name, so a task sees all 8 n angles; OmniDrones reads the first 16 (defect 24).
 
-use super::{Configuration, DroneMap, PER_DEGREE, pair};
+use super::configuration::{Configuration, DroneMap, PER_DEGREE, pair};
 use crate::dynamics::assembly::{Assembly, Join, Kind, Solid};
 use crate::dynamics::vehicle::Vehicle;
 use crate::dynamics::vehicles::hummingbird;

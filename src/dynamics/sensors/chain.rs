@@ -12,7 +12,7 @@
 //! bias of a first-order Gauss–Markov process in its exact discrete form, so that no figure depends on the rate. The Allan
 //! deviation over T is σ/√T for white noise and σ_b √(T/3) for the walk, T ≪ τ (IEEE Std 952-1997, annex C).
 
-use super::settings::{self, within};
+use super::limits::{positive, within};
 use crate::error::{Error, Result};
 use crate::rng::Stream;
 use serde::{Deserialize, Serialize};
@@ -101,7 +101,7 @@ impl ErrorModel {
         within(&at("scale"), self.scale, 0.0, MAX_MIXING)?;
         within(&at("misalignment"), self.misalignment, 0.0, MAX_MIXING)?;
         if let Some(time) = self.bias_time {
-            settings::positive(&at("bias_time"), time, "Leave it out for a random walk.")?;
+            positive(&at("bias_time"), time, "Leave it out for a random walk.")?;
         }
         let [low, high] = self.limits.unwrap_or([f64::NEG_INFINITY, f64::INFINITY]);
         if low < high {

@@ -2,8 +2,8 @@
 
 use super::chain::{ErrorModel, Errors};
 use super::device::{Device, KindSettings};
+use super::limits::{MAX_DISTANCE, within};
 use super::mount::Motion;
-use super::settings::{MAX_DISTANCE, within};
 use super::sight::Sight;
 use crate::dynamics::spatial::{Vec3, rotate_back};
 use crate::error::Result;

@@ -2,8 +2,8 @@
 
 use super::chain::{Dropout, ErrorModel, Errors};
 use super::device::{Device, KindSettings};
+use super::limits::within;
 use super::mount::Motion;
-use super::settings::within;
 use super::sight::Sight;
 use crate::dynamics::spatial::{exponential, multiply};
 use crate::error::Result;

@@ -6,8 +6,8 @@
 use super::cast::{self, GROUND, Rays};
 use super::chain::{ErrorModel, Errors};
 use super::device::{Device, KindSettings};
+use super::limits::{MAX_DISTANCE, within};
 use super::mount::Motion;
-use super::settings::{MAX_DISTANCE, within};
 use super::sight::{Readings, Sight};
 use super::slope::Met;
 use crate::dynamics::shape::{MAX_SIZE, Pose};

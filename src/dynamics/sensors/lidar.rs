@@ -3,9 +3,9 @@
 use super::cast::{Range, Rays};
 use super::device::{Channel, Device, KindSettings, Layout};
 use super::grain::Grain;
+use super::limits::within;
 use super::mount::Motion;
 use super::reading::{Form, MOST_LOST, check_count, is_lost};
-use super::settings::within;
 use super::sight::{Readings, Sight};
 use super::slope::Met;
 use crate::dynamics::shape::Pose;

@@ -8,7 +8,7 @@
 //! |---|---|
 //! | `mount` | where a sensor sits, what happens there |
 //! | `chain` | the errors, the rate, the latency, dropouts |
-//! | `device` | the kinds |
+//! | `device` | what every kind of sensor does |
 //! | `inertial` | accelerometer and gyroscope |
 //! | `field` | magnetometer, barometer |
 //! | `gnss` | satellite receiver, motion capture |
@@ -22,8 +22,9 @@
 //! | `slope` | how readings change with the pose of their body |
 //! | `sight` | what looks, from where, at what |
 //! | `solids` | bodies, and what stands around them, as rays hit them |
+//! | `kinds` | the kinds, one line each |
 //! | [`presets`] | real parts |
-//! | `settings` | `[[sensor]]` tables |
+//! | `limits`, `settings` | what numbers may be; `[[sensor]]` tables |
 //! | `aboard` | sensors on the bodies of a plant |
 //! | [`cast`] | rays: distances to a scene, pixel by pixel or beam by beam |
 //!
@@ -58,7 +59,9 @@ mod gnss;
 mod grain;
 mod ground;
 mod inertial;
+mod kinds;
 mod lidar;
+mod limits;
 mod mount;
 pub mod presets;
 mod reading;
@@ -73,11 +76,12 @@ pub use aboard::Aboard;
 pub use camera::{Camera, Show, Stereo};
 pub use cast::normal::Slope;
 pub use chain::{ErrorModel, PerAxis};
-pub use device::{Channel, KINDS, Kind, Layout, Model};
+pub use device::{Channel, Layout};
 pub use field::{Barometer, Magnetometer};
 pub use gnss::{Gnss, MotionCapture};
 pub use ground::{Flow, Growth, Range};
 pub use inertial::Imu;
+pub use kinds::{KINDS, Kind, Model};
 pub use lidar::{Lidar, Pattern};
 pub use mount::Truth;
 pub use presets::Preset;
@@ -92,7 +96,7 @@ use super::plant::Quantity;
 use crate::error::{Error, Result};
 use crate::rng::{Purpose, Stream};
 use chain::Line;
-use device::AtWork;
+use kinds::AtWork;
 use mount::Mount;
 
 /// Most sensors of one set.
@@ -127,7 +131,7 @@ impl Sensor {
     pub fn new(config: &SensorConfig, dt: f64, bodies: &[String]) -> Result<Self> {
         config.check_name()?;
         let place = config.place();
-        settings::within("dt", dt, 1e-9, 1e3)?;
+        limits::within("dt", dt, 1e-9, 1e3)?;
         config.model.validate(&place)?;
         let (every, latency) = (config.steps_between(dt)?, config.steps_late(dt)?);
         config.check_gradient(every, latency)?;

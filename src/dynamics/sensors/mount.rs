@@ -1,6 +1,6 @@
 //! Where a sensor sits on its body, and what happens there.
 
-use super::settings::{MAX_LEVER, within};
+use super::limits::{MAX_LEVER, within};
 use crate::dynamics::Frame;
 use crate::dynamics::shape::Pose;
 use crate::dynamics::spatial::{Quat, Vec3, add, axpy, cross, multiply, rotate, rotate_back, scale, sub};

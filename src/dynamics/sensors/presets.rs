@@ -5,11 +5,11 @@
 
 use super::camera::{Camera, Stereo};
 use super::chain::{ErrorModel, PerAxis};
-use super::device::Model;
 use super::field::{Barometer, Magnetometer};
 use super::gnss::{Gnss, MotionCapture};
 use super::ground::{Flow, Growth, Range};
 use super::inertial::Imu;
+use super::kinds::Model;
 use super::lidar::{Lidar, Pattern};
 use super::reading::Form;
 use crate::error::{Error, Result};

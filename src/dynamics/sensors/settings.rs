@@ -1,17 +1,14 @@
 //! Settings of a sensor, as a `[[sensor]]` table of a TOML file.
 
-use super::device::{Kind, Model};
+use super::kinds::{Kind, Model};
+use super::limits::{positive, within};
 use super::presets::{Preset, preset};
 use super::slope::Gradient;
 use crate::dynamics::spatial::{Quat, Vec3};
-use crate::error::{Error, Result, finite};
+use crate::error::{Error, Result};
 use crate::reader;
 use serde::{Deserialize, Serialize};
 
-/// Farthest place of a sensor from the origin of its body, m.
-pub(crate) const MAX_LEVER: f64 = 100.0;
-/// Largest distance and height, m.
-pub(crate) const MAX_DISTANCE: f64 = 1e5;
 /// Largest number of steps between two samples.
 const MAX_EVERY: u64 = 1_000_000;
 /// Largest latency, steps.
@@ -20,21 +17,6 @@ const MAX_LATENCY: u64 = 1_000_000;
 const MISSED: f64 = 0.25;
 /// Longest name, characters.
 const MAX_NAME: usize = 64;
-
-/// Checks that a finite `value` lies in [`least`, `most`].
-pub(crate) fn within(what: &str, value: f64, least: f64, most: f64) -> Result<()> {
-    finite(what, &[value])?;
-    if (least..=most).contains(&value) {
-        return Ok(());
-    }
-    let limit = format!("between {least:e} and {most:e} in SI units");
-    Err(Error::value(what, value, limit, "Check its sign and units."))
-}
-
-/// Checks that `value` is above 0; it may be infinite.
-pub(crate) fn positive(what: &str, value: f64, remedy: &str) -> Result<()> {
-    if value > 0.0 { Ok(()) } else { Err(Error::value(what, value, "> 0", remedy)) }
-}
 
 /// One sensor: what it measures, where, how often, how late, how wrongly.
 ///

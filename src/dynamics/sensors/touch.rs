@@ -2,8 +2,8 @@
 
 use super::chain::{ErrorModel, Errors};
 use super::device::{Device, KindSettings};
+use super::limits::within;
 use super::mount::Motion;
-use super::settings::within;
 use super::sight::Sight;
 use crate::dynamics::plant::Plant;
 use crate::error::{Error, Result};

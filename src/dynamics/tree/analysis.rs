@@ -1,11 +1,12 @@
 //! Energy, momentum, mass matrix, poses and Jacobians of an articulated system.
 
 use super::aba::accelerate;
-use super::cable;
+use super::cable_loads;
 use super::contact_loads::{self, Friction};
-use super::kinematics::forward;
+use super::jacobian::{mass_matrix_of, point_jacobian, poses_of};
+use super::kinematics::{Pose, forward, pose_of};
 use super::loads;
-use super::model::{Frame, Model, Motion};
+use super::model::{Frame, Model};
 use super::multibody::Multibody;
 use super::parameters::{ParameterView, Source, at, link_parameters};
 use super::scratch::{BodyScratch, Scratch, scratch_on_stack};
@@ -18,19 +19,6 @@ use crate::dynamics::spatial::*;
 use crate::dynamics::{contact, shape};
 use crate::error::Result;
 use nalgebra::DMatrix;
-
-/// Where a frame is and how it moves, world axes.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Pose<S> {
-    /// Origin, m.
-    pub position: Vec3<S>,
-    /// Rotation matrix by rows, frame → world.
-    pub rotation: Mat3<S>,
-    /// Of the origin, m/s.
-    pub velocity: Vec3<S>,
-    /// rad/s.
-    pub angular_velocity: Vec3<S>,
-}
 
 /// Linear and angular momentum.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -57,15 +45,6 @@ pub(crate) fn body_poses_into<S: Scalar>(system: &Multibody, state: &[S], poses:
     poses.extend(scratch.bodies[..t.n_body()].iter().map(pose_of));
 }
 
-fn pose_of<S: Scalar>(body: &BodyScratch<S>) -> Pose<S> {
-    Pose {
-        position: body.position,
-        rotation: body.rotation,
-        velocity: body.velocity,
-        angular_velocity: body.angular_velocity,
-    }
-}
-
 /// Pose of a named frame (see [`Model::frame`]).
 pub fn frame_pose<S: Scalar>(system: &Multibody, state: &[S], frame: &Frame) -> Pose<S> {
     let t = system.topology();
@@ -87,7 +66,7 @@ pub fn cable_tensions<S: Scalar>(system: &Multibody, state: &[S]) -> Vec<S> {
     let (t, numbers) = (system.topology(), Source::Constants(system.parameters()));
     scratch_on_stack!(scratch, t, S);
     forward(t, numbers, state, scratch.bodies);
-    cable::tensions(t, numbers, scratch.bodies)
+    cable_loads::tensions(t, numbers, scratch.bodies)
 }
 
 /// Kinetic energy of all bodies and geared motors, J; spinning rotors not counted.
@@ -142,7 +121,7 @@ pub fn potential_energy<S: Scalar>(system: &Multibody, state: &[S]) -> S {
             Kind::Floating => {}
         }
     }
-    energy += cable::energy(t, numbers, scratch.bodies);
+    energy += cable_loads::energy(t, numbers, scratch.bodies);
     if t.effects.contact {
         energy += contact_loads::elastic_energy(t, numbers, scratch.bodies);
     }
@@ -307,36 +286,6 @@ pub fn mass_matrix(model: &Model, state: &[f64]) -> Result<DMatrix<f64>> {
     Ok(mass_matrix_of(model, state))
 }
 
-/// M at [`rest_state`](super::rest_state).
-pub(crate) fn mass_matrix_at_rest(model: &Model) -> DMatrix<f64> {
-    mass_matrix_of(model, &super::rest_state(model))
-}
-
-fn mass_matrix_of(model: &Model, state: &[f64]) -> DMatrix<f64> {
-    let poses = poses_of(model, state);
-    let n = model.layout().n_velocity();
-    let mut m = DMatrix::zeros(n, n);
-    for (i, body) in model.bodies().iter().enumerate() {
-        let own = model.layout().bodies[i].freedom;
-        m[(own, own)] += body.joint.armature;
-        let jacobian = point_jacobian(model, &poses, i, body.center_of_mass);
-        let (linear, angular) = (jacobian.rows(0, 3), jacobian.rows(3, 3));
-        let r = nalgebra::Matrix3::from_fn(|a, b| poses[i].rotation[a][b]);
-        let inertia = r * body.inertia.matrix() * r.transpose();
-        m += linear.transpose() * linear * body.mass + angular.transpose() * inertia * angular;
-    }
-    m
-}
-
-/// Poses of all bodies of a model alone.
-fn poses_of(model: &Model, state: &[f64]) -> Vec<Pose<f64>> {
-    let bare = Topology::bare(model);
-    let numbers = super::parameters::model_parameters(model);
-    scratch_on_stack!(scratch, &bare, f64);
-    forward(&bare, Source::Constants(&numbers), state, scratch.bodies);
-    scratch.bodies[..bare.n_body()].iter().map(pose_of).collect()
-}
-
 /// Jacobian of a named frame, 6 × n: `[velocity of its origin; angular velocity]` (world) = J ν.
 ///
 /// # Errors
@@ -344,51 +293,4 @@ fn poses_of(model: &Model, state: &[f64]) -> Vec<Pose<f64>> {
 pub fn frame_jacobian(model: &Model, state: &[f64], frame: &Frame) -> Result<DMatrix<f64>> {
     Multibody::check_length("state", state.len(), model.layout().n_state())?;
     Ok(point_jacobian(model, &poses_of(model, state), frame.body, frame.position))
-}
-
-/// As [`frame_jacobian`] of a point of a body, at [`rest_state`](super::rest_state).
-pub(crate) fn point_jacobian_at_rest(model: &Model, body: usize, point: [f64; 3]) -> DMatrix<f64> {
-    point_jacobian(model, &poses_of(model, &super::rest_state(model)), body, point)
-}
-
-/// Of a body, at [`rest_state`](super::rest_state).
-pub(crate) fn pose_at_rest(model: &Model, body: usize) -> Pose<f64> {
-    poses_of(model, &super::rest_state(model))[body]
-}
-
-/// Jacobian of a point of a body given in the body's frame.
-fn point_jacobian(model: &Model, poses: &[Pose<f64>], body: usize, point: [f64; 3]) -> DMatrix<f64> {
-    let mut j = DMatrix::zeros(6, model.layout().n_velocity());
-    let at = add(poses[body].position, mat_vec(poses[body].rotation, point));
-    let mut next = Some(body);
-    while let Some(i) = next {
-        let (place, pose) = (model.layout().bodies[i], &poses[i]);
-        let lever = sub(at, pose.position);
-        let mut column = |k: usize, linear: Vec3<f64>, angular: Vec3<f64>| {
-            for row in 0..3 {
-                j[(row, place.freedom + k)] = linear[row];
-                j[(row + 3, place.freedom + k)] = angular[row];
-            }
-        };
-        let axis = |k: usize| [pose.rotation[0][k], pose.rotation[1][k], pose.rotation[2][k]];
-        match model.bodies()[i].joint.motion {
-            // the body's own axis equals the joint's: a hinge leaves its axis where it was
-            Motion::Revolute(a) => {
-                let s = mat_vec(pose.rotation, a);
-                column(0, cross(s, lever), s);
-            }
-            Motion::Prismatic(a) => column(0, mat_vec(pose.rotation, a), [0.0; 3]),
-            Motion::Ball => (0..3).for_each(|k| column(k, cross(axis(k), lever), axis(k))),
-            Motion::Floating => {
-                for k in 0..3 {
-                    let mut unit = [0.0; 3];
-                    unit[k] = 1.0;
-                    column(k, unit, [0.0; 3]);
-                    column(3 + k, cross(axis(k), lever), axis(k));
-                }
-            }
-        }
-        next = model.bodies()[i].parent;
-    }
-    j
 }

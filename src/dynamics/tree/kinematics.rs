@@ -17,6 +17,28 @@ use crate::autodiff::Scalar;
 use crate::autodiff::unrolled::unrolled;
 use crate::dynamics::spatial::*;
 
+/// Where a frame is and how it moves, world axes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pose<S> {
+    /// Origin, m.
+    pub position: Vec3<S>,
+    /// Rotation matrix by rows, frame → world.
+    pub rotation: Mat3<S>,
+    /// Of the origin, m/s.
+    pub velocity: Vec3<S>,
+    /// rad/s.
+    pub angular_velocity: Vec3<S>,
+}
+
+pub(super) fn pose_of<S: Scalar>(body: &BodyScratch<S>) -> Pose<S> {
+    Pose {
+        position: body.position,
+        rotation: body.rotation,
+        velocity: body.velocity,
+        angular_velocity: body.angular_velocity,
+    }
+}
+
 /// Fills position, rotation, velocities, axes and biases of every body from a state.
 #[inline(always)]
 pub(crate) fn forward<S: Scalar, P: ParameterView<S>>(

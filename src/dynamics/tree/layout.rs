@@ -1,6 +1,6 @@
 //! Where every number of an articulated system stands in its state and input.
 
-use super::model::{Body, ModelParts, Motion, root_of};
+use super::parts::{Body, ModelParts, Motion, root_of};
 use crate::dynamics::rigid::{Disturbance, RIGID_DIM};
 
 /// Place of one body's coordinates.

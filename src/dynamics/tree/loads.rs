@@ -3,7 +3,7 @@
 //! The same equations as of the closed-form multirotor ([`rigid`](crate::dynamics::rigid)), body by body: wrenches are
 //! summed in the body's frame about its origin, then turned into world axes once.
 
-use super::cable;
+use super::cable_loads;
 use super::contact_loads::{self, Friction};
 use super::parameters::{ParameterView, at, contact_parameters, link_parameters, rotor_parameters};
 use super::scratch::{BodyScratch, RotorScratch};
@@ -101,7 +101,7 @@ pub(crate) fn apply<S: Scalar, P: ParameterView<S>>(
     if effects.contact {
         contact_loads::apply(t, numbers, friction, bodies);
     }
-    cable::apply(t, numbers, bodies);
+    cable_loads::apply(t, numbers, bodies);
     wakes::apply(t, bodies);
 }
 

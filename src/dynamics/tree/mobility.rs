@@ -1,19 +1,94 @@
-//! How points of a model give way when they are pushed, which bounds what a substep resolves at a contact.
+//! How points of a model give way when they are pushed, which bounds what a substep resolves at a contact and in a joint.
 
-use super::analysis::{mass_matrix_at_rest, point_jacobian_at_rest, pose_at_rest};
 use super::cable::CableEnd;
-use super::model::{IDENTITY, Model};
-use super::topology::{Feature, Form, Pair};
+use super::jacobian::{mass_matrix_at_rest, point_jacobian_at_rest, pose_at_rest};
+use super::model::{IDENTITY, Model, root_of};
+use super::topology::{Feature, Form, Kind, Link, Pair, ResolvedTouches, Topology, Touch};
+use crate::dynamics::contact::force::RESOLVED;
+use crate::dynamics::contact::material::Resolved;
+use crate::dynamics::integrate::{Grid, Integrator};
+use crate::dynamics::rigid::Effects;
 use crate::dynamics::spatial::{dot, mat_vec, neg, transpose};
 use nalgebra::{DMatrix, RowVector3};
 
+/// Share of the stiffness that a substep resolves between a box and the corners of another, for 0.4 of the rate: the nearest face
+/// changes from one substep to the next.
+const OF_CORNERS: f64 = 1.0 / 16.0;
+
+impl Topology {
+    /// For steps on a grid. `general` keeps every path open, for numbers that may differ from the model's.
+    pub(crate) fn new(model: &Model, effects: Effects, grid: Grid, general: bool) -> Self {
+        let mut links = Self::links(model, effects, general);
+        // the semi-implicit step takes all damping and springs implicitly as it is
+        if grid.integrator == Integrator::RungeKutta4 {
+            mark_stiff(model, grid.substep, &mut links);
+        }
+        let mut topology = Self::with_links(model, effects, links);
+        if effects.contact {
+            topology.sticks = least_slip_speed(model) < RESOLVED * grid.substep;
+            topology.resolve(model, grid);
+        }
+        let most = |mobility| Resolved::of_spring(mobility, grid);
+        topology.resolved.cables = of_cables(model).into_iter().map(most).collect();
+        topology
+    }
+
+    /// Finds what a substep resolves of every touch.
+    fn resolve(&mut self, model: &Model, grid: Grid) {
+        let mobility = Mobility::of(model, &self.features, Resolved::sink(grid));
+        // the stages of RK4 take all corners of a box at once with what is stable on one; a step of first order gains energy
+        let of_ground = match grid.integrator {
+            Integrator::RungeKutta4 => &mobility.of_points,
+            Integrator::SemiImplicit => &mobility.on_ground,
+        };
+        let on_ground = |touch: &Touch<usize>| Resolved::of(of_ground[touch.what], grid);
+        let of_pair = |touch: &Touch<Pair>| {
+            let Pair { first, by_balls, .. } = touch.what;
+            let most = Resolved::of(mobility.of_pair(&self.features, touch.what), grid);
+            let has_corners = by_balls && matches!(self.features[first].form, Form::Box(_));
+            if has_corners { Resolved { stiffness: OF_CORNERS * most.stiffness, ..most } } else { most }
+        };
+        self.resolved = ResolvedTouches {
+            on_ground: self.on_ground.iter().map(on_ground).collect(),
+            pairs: self.pairs.iter().map(of_pair).collect(),
+            cables: Vec::new(),
+        };
+    }
+}
+
+/// Most that a joint's damping or spring may do in one explicit substep: h d/I and h √(k/I).
+const STIFF: f64 = 0.5;
+
+/// Marks the joints whose damping or spring is too fast for explicit steps of `substep` s, by the inertia 1/(M⁻¹)ᵢᵢ that
+/// each feels at rest.
+fn mark_stiff(model: &Model, substep: f64, links: &mut [Link]) {
+    if !links.iter().any(|l| l.damped || l.sprung) {
+        return;
+    }
+    let Some(inverse) = mass_matrix_at_rest(model).try_inverse() else { return };
+    for (link, body) in links.iter_mut().zip(model.bodies()) {
+        let mobility = inverse[(link.freedom, link.freedom)];
+        let rate = substep * body.joint.damping * mobility;
+        let frequency = substep * (body.joint.stiffness * mobility).sqrt();
+        let one_axis = matches!(link.kind, Kind::Hinge(_) | Kind::Slide(_));
+        link.stiff = one_axis && (rate > STIFF || frequency > STIFF);
+    }
+}
+
+/// Least slip speed of the model's materials, m/s.
+fn least_slip_speed(model: &Model) -> f64 {
+    let contact = &model.parts().contact;
+    let own = model.shapes().iter().filter_map(|s| s.material).chain(contact.ground_material);
+    own.fold(contact.material.slip_speed, |least, m| least.min(m.slip_speed))
+}
+
 /// Acceleration per force, 1/kg, that points of each feature give way with at rest: largest eigenvalue of J M⁻¹ Jᵀ with J the
 /// Jacobian of the point; 0 of what stands still. A push on a ball passes through its centre.
-pub(super) struct Mobility {
+struct Mobility {
     /// Most of any of its points.
-    pub(super) of_points: Vec<f64>,
+    of_points: Vec<f64>,
     /// That, or where it is more that of all points with which its body falls flat on the ground, pushed alike at once.
-    pub(super) on_ground: Vec<f64>,
+    on_ground: Vec<f64>,
     /// Of its balls, which may all touch at once: most of any, or a quarter of the sum where that is more, since what one
     /// step size suits rests on four points.
     of_balls: Vec<f64>,
@@ -29,9 +104,9 @@ fn of_point(model: &Model, inverse: &DMatrix<f64>, body: Option<usize>, point: [
 
 /// Of cables: acceleration per tension with which their ends part, where all cables of a tree pull at
 /// once.
-pub(super) fn of_cables(model: &Model) -> Vec<f64> {
+fn of_cables(model: &Model) -> Vec<f64> {
     let Some(inverse) = mass_matrix_at_rest(model).try_inverse() else { return vec![0.0; model.cables().len()] };
-    let roots = super::model::root_of(model.bodies());
+    let roots = root_of(model.bodies());
     let of_end = |end: &CableEnd| of_point(model, &inverse, end.body, end.point);
     let all: Vec<_> =
         model.cables().iter().flat_map(|c| &c.ends).map(|e| (e.body.map(|b| roots[b]), of_end(e))).collect();
@@ -42,7 +117,7 @@ pub(super) fn of_cables(model: &Model) -> Vec<f64> {
 
 impl Mobility {
     /// With points that stand out as far as others, less `sink`, for those that touch with them.
-    pub(super) fn of(model: &Model, features: &[Feature], sink: f64) -> Self {
+    fn of(model: &Model, features: &[Feature], sink: f64) -> Self {
         let Some(inverse) = mass_matrix_at_rest(model).try_inverse() else {
             let none = vec![0.0; features.len()];
             return Self { of_points: none.clone(), on_ground: none.clone(), of_balls: none };
@@ -61,7 +136,7 @@ impl Mobility {
         Self { on_ground: on_ground.collect(), of_points, of_balls: features.iter().map(of_balls).collect() }
     }
 
-    pub(super) fn of_pair(&self, features: &[Feature], Pair { first, second, by_balls }: Pair) -> f64 {
+    fn of_pair(&self, features: &[Feature], Pair { first, second, by_balls }: Pair) -> f64 {
         if !by_balls {
             return self.of_points[first] + self.of_points[second];
         }

@@ -2,7 +2,8 @@
 //!
 //! | file | what |
 //! |---|---|
-//! | `model` | an articulated system as checked, immutable data |
+//! | `parts` | an articulated system as data |
+//! | `model` | the same, checked and immutable |
 //! | `layout` | where every number stands in state and input |
 //! | `parameters` | the physics as one vector, for derivatives and randomisation |
 //! | `topology` | what kernels branch on |
@@ -13,23 +14,26 @@
 //! | `wakes` | wakes of drones on each other and on loads |
 //! | `contact_loads` | contact forces |
 //! | `carrier` | a drone of a model as the vehicle that it is alone |
-//! | `cable` | what cables pull |
-//! | `mobility` | how points give way, for what a step resolves of contacts |
+//! | `cable`, `cable_loads` | cables, and what they pull |
+//! | `jacobian` | mass matrix and Jacobians of a model alone |
+//! | `mobility` | how points give way, for what a step resolves of contacts and joints |
 //! | `torque` | damping, springs, limits, drives |
 //! | `aba` | accelerations from forces |
 //! | `rnea` | forces from accelerations |
-//! | `analysis` | energy, momentum, mass matrix, poses, Jacobians |
+//! | `analysis` | energy, momentum, poses, forces |
 //! | `step` | RK4 and the semi-implicit step |
 //! | `multibody` | model + physics as a [`System`](crate::autodiff::System) |
 
 mod aba;
 pub(crate) mod analysis;
 mod cable;
+mod cable_loads;
 mod carrier;
 mod contact_loads;
 pub(crate) mod frames;
 #[cfg(test)]
 pub(crate) mod free_motion;
+mod jacobian;
 mod kinematics;
 pub(crate) mod layout;
 mod loads;
@@ -37,6 +41,7 @@ mod mobility;
 pub(crate) mod model;
 pub(crate) mod multibody;
 pub(crate) mod parameters;
+mod parts;
 pub(crate) mod rnea;
 pub(crate) mod scratch;
 mod start;
@@ -46,15 +51,16 @@ mod torque;
 mod wakes;
 
 pub use analysis::{
-    Momentum, Pose, Separation, body_poses, cable_tensions, center_of_mass, contact_forces, frame_jacobian, frame_pose,
+    Momentum, Separation, body_poses, cable_tensions, center_of_mass, contact_forces, frame_jacobian, frame_pose,
     kinetic_energy, mass_matrix, momentum, potential_energy, separations,
 };
 pub(crate) use analysis::{body_poses_into, contact_forces_with};
 pub use cable::{Cable, CableEnd, ROUND as CABLE_ROUND};
 pub use carrier::carrier;
+pub use kinematics::Pose;
 pub use layout::{BodyPlace, Layout, TreePlace};
 pub use model::*;
-pub use multibody::{Multibody, rest_state};
+pub use multibody::Multibody;
 pub use parameters::{
     CABLE_PARAMETERS, CONTACT_PARAMETERS, LINK_PARAMETERS, model_parameter_domains, model_parameter_names,
     model_parameters,

@@ -1,13 +1,12 @@
 //! A model under given physics as a [`System`]: x⁺ = f(x, u, θ) on any scalar.
 
-use super::model::{Model, Motion};
+use super::model::{Model, rest_state};
 use super::parameters::{Source, model_parameters};
 use super::scratch::scratch_on_stack;
 use super::step::{self, Task};
 use super::topology::Topology;
 use crate::autodiff::{Scalar, System};
 use crate::dynamics::multirotor::Physics;
-use crate::dynamics::spatial::from_matrix;
 use crate::error::{Error, Result};
 
 /// An articulated system of bodies, joints, drives and rotors.
@@ -111,29 +110,6 @@ impl Multibody {
         let remedy = "See Layout for the order of the numbers.";
         Err(Error::value(format!("length of {what}"), got, wanted.to_string(), remedy))
     }
-}
-
-/// Every joint at rest (springs relaxed, position drives at their centre, else zero), every floating root where its joint
-/// says (the world's origin, upright, unless it was placed), rotors still.
-pub fn rest_state(model: &Model) -> Vec<f64> {
-    let mut x = vec![0.0; model.layout().n_state()];
-    for (body, place) in model.bodies().iter().zip(&model.layout().bodies) {
-        let joint = &body.joint;
-        match joint.motion {
-            Motion::Floating => {
-                x[place.position..place.position + 3].copy_from_slice(&joint.position);
-                x[place.position + 6..place.position + 10].copy_from_slice(&from_matrix(joint.rotation));
-            }
-            Motion::Ball => x[place.position] = 1.0,
-            Motion::Revolute(_) | Motion::Prismatic(_) => {
-                x[place.position] = match joint.drive {
-                    Some(drive) if drive.stiffness > 0.0 => drive.center,
-                    _ => joint.rest,
-                };
-            }
-        }
-    }
-    x
 }
 
 impl System for Multibody {

@@ -3,21 +3,16 @@
 //! All of it is plain data, equal for every environment and every scalar, so that kernels may branch on it. Flags say
 //! where a number is zero in the model at hand; a batch whose environments differ keeps them general.
 
-use super::analysis::mass_matrix_at_rest;
 use super::cable::CableEnd;
 use super::layout::Layout;
-use super::mobility::{Mobility, of_cables};
-use super::model::{Body, BodyShape, Drive, IDENTITY, Model, Motion};
-use super::wakes::Load;
+use super::model::{Body, BodyShape, Drive, IDENTITY, Model, Motion, root_of};
 use crate::dynamics::contact::ContactMaterial;
-use crate::dynamics::contact::force::RESOLVED;
 use crate::dynamics::contact::material::Resolved;
 use crate::dynamics::contact::pairs::{corners, segment};
-use crate::dynamics::integrate::{Grid, Integrator};
 use crate::dynamics::relief::Relief;
 use crate::dynamics::rigid::Effects;
 use crate::dynamics::shape::{Geometry, Pose};
-use crate::dynamics::spatial::matrix;
+use crate::dynamics::spatial::{matrix, transpose};
 use std::f64::consts::PI;
 
 /// Axis of a hinge or slide in its joint's frame.
@@ -212,6 +207,46 @@ pub(crate) struct Topology {
     pub resolved: ResolvedTouches,
 }
 
+/// A shape that wakes push, as kernels see it.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Load {
+    pub body: usize,
+    /// In the body's frame, m.
+    pub center: [f64; 3],
+    /// Its axes by rows, in the body's frame.
+    pub axes: [[f64; 3]; 3],
+    /// m² that face a wake along the unit vector d: end + side √(1 − d_z²) + Σ faces |d| along its axes.
+    pub end: f64,
+    pub side: f64,
+    pub faces: [f64; 3],
+}
+
+impl Load {
+    /// Shapes of bodies that carry no rotors, body by body.
+    fn all(model: &Model) -> Vec<Self> {
+        let flies = |body: usize| {
+            model.rotors().iter().any(|r| r.body == body) || model.drones().iter().any(|d| d.body == body)
+        };
+        let loads = model.shapes().iter().filter_map(|s| Some((s.body.filter(|b| !flies(*b))?, s)));
+        let loads = loads.filter(|(body, _)| model.bodies()[*body].mass > 0.0);
+        let mut all: Vec<_> = loads.map(|(body, shape)| Self::of(body, shape)).collect();
+        all.sort_by_key(|load| load.body);
+        all
+    }
+
+    fn of(body: usize, BodyShape { shape, .. }: &BodyShape) -> Self {
+        let (center, axes) = (shape.position, transpose(matrix(shape.rotation)));
+        let none = Self { body, center, axes, end: 0.0, side: 0.0, faces: [0.0; 3] };
+        match shape.geometry {
+            Geometry::Sphere { radius } => Self { end: PI * radius * radius, ..none },
+            Geometry::Capsule { radius, length } => {
+                Self { end: PI * radius * radius, side: 2.0 * radius * length, ..none }
+            }
+            Geometry::Box { size: [x, y, z] } => Self { faces: [y * z, z * x, x * y], ..none },
+        }
+    }
+}
+
 /// What a substep resolves of every touch, in their order. Of the nominal masses: a batch keeps its first model's.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct ResolvedTouches {
@@ -227,24 +262,7 @@ impl Topology {
         Self::with_links(model, Effects::none(), Self::links(model, Effects::none(), false))
     }
 
-    /// For steps on a grid. `general` keeps every path open, for numbers that may differ from the model's.
-    pub(crate) fn new(model: &Model, effects: Effects, grid: Grid, general: bool) -> Self {
-        let mut links = Self::links(model, effects, general);
-        // the semi-implicit step takes all damping and springs implicitly as it is
-        if grid.integrator == Integrator::RungeKutta4 {
-            mark_stiff(model, grid.substep, &mut links);
-        }
-        let mut topology = Self::with_links(model, effects, links);
-        if effects.contact {
-            topology.sticks = least_slip_speed(model) < RESOLVED * grid.substep;
-            topology.resolve(model, grid);
-        }
-        let most = |mobility| Resolved::of_spring(mobility, grid);
-        topology.resolved.cables = of_cables(model).into_iter().map(most).collect();
-        topology
-    }
-
-    fn links(model: &Model, effects: Effects, general: bool) -> Vec<Link> {
+    pub(super) fn links(model: &Model, effects: Effects, general: bool) -> Vec<Link> {
         let layout = Layout::with_disturbance(model.parts(), effects.disturbance);
         let rotor_order = rotor_order(model);
         let mut links = Vec::with_capacity(model.bodies().len());
@@ -265,7 +283,7 @@ impl Topology {
         links
     }
 
-    fn with_links(model: &Model, effects: Effects, links: Vec<Link>) -> Self {
+    pub(super) fn with_links(model: &Model, effects: Effects, links: Vec<Link>) -> Self {
         let layout = Layout::with_disturbance(model.parts(), effects.disturbance);
         let rotor_order = rotor_order(model);
         let features = features(model);
@@ -308,28 +326,6 @@ impl Topology {
             layout,
             effects,
         }
-    }
-
-    /// Finds what a substep resolves of every touch.
-    fn resolve(&mut self, model: &Model, grid: Grid) {
-        let mobility = Mobility::of(model, &self.features, Resolved::sink(grid));
-        // the stages of RK4 take all corners of a box at once with what is stable on one; a step of first order gains energy
-        let of_ground = match grid.integrator {
-            Integrator::RungeKutta4 => &mobility.of_points,
-            Integrator::SemiImplicit => &mobility.on_ground,
-        };
-        let on_ground = |touch: &Touch<usize>| Resolved::of(of_ground[touch.what], grid);
-        let of_pair = |touch: &Touch<Pair>| {
-            let Pair { first, by_balls, .. } = touch.what;
-            let most = Resolved::of(mobility.of_pair(&self.features, touch.what), grid);
-            let has_corners = by_balls && matches!(self.features[first].form, Form::Box(_));
-            if has_corners { Resolved { stiffness: OF_CORNERS * most.stiffness, ..most } } else { most }
-        };
-        self.resolved = ResolvedTouches {
-            on_ground: self.on_ground.iter().map(on_ground).collect(),
-            pairs: self.pairs.iter().map(of_pair).collect(),
-            cables: Vec::new(),
-        };
     }
 
     /// What another model has differently than numbers, if anything; `general` as in [`Topology::new`].
@@ -422,29 +418,6 @@ fn rotor_order(model: &Model) -> Vec<usize> {
     order
 }
 
-/// Most that a joint's damping or spring may do in one explicit substep: h d/I and h √(k/I).
-const STIFF: f64 = 0.5;
-
-/// Marks the joints whose damping or spring is too fast for explicit steps of `substep` s, by the inertia 1/(M⁻¹)ᵢᵢ that
-/// each feels at rest.
-fn mark_stiff(model: &Model, substep: f64, links: &mut [Link]) {
-    if !links.iter().any(|l| l.damped || l.sprung) {
-        return;
-    }
-    let Some(inverse) = mass_matrix_at_rest(model).try_inverse() else { return };
-    for (link, body) in links.iter_mut().zip(model.bodies()) {
-        let mobility = inverse[(link.freedom, link.freedom)];
-        let rate = substep * body.joint.damping * mobility;
-        let frequency = substep * (body.joint.stiffness * mobility).sqrt();
-        let one_axis = matches!(link.kind, Kind::Hinge(_) | Kind::Slide(_));
-        link.stiff = one_axis && (rate > STIFF || frequency > STIFF);
-    }
-}
-
-/// Share of the stiffness that a substep resolves between a box and the corners of another, for 0.4 of the rate: the nearest face
-/// changes from one substep to the next.
-const OF_CORNERS: f64 = 1.0 / 16.0;
-
 /// Colliding shapes of a model, in order.
 fn features(model: &Model) -> Vec<Feature> {
     let mut still = 0;
@@ -476,17 +449,10 @@ fn own_material(
     (first.is_some() || second.is_some()).then(|| first.unwrap_or(usual).against(&second.unwrap_or(usual)))
 }
 
-/// Least slip speed of the model's materials, m/s.
-fn least_slip_speed(model: &Model) -> f64 {
-    let contact = &model.parts().contact;
-    let own = model.shapes().iter().filter_map(|s| s.material).chain(contact.ground_material);
-    own.fold(contact.material.slip_speed, |least, m| least.min(m.slip_speed))
-}
-
 /// Pairs with a force: of different trees, of a tree and the world, and of one tree where it collides
 /// with itself, those joined to each other (massless bodies between not counted) apart.
 fn pairs(model: &Model, features: &[Feature]) -> Vec<Touch<Pair>> {
-    let roots = super::model::root_of(model.bodies());
+    let roots = root_of(model.bodies());
     let mut list = Vec::new();
     for i in 0..features.len() {
         for j in i + 1..features.len() {

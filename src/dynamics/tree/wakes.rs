@@ -2,54 +2,11 @@
 //!
 //! The law is that of [`downwash`]; here is who pushes whom. Wakes are held through a substep as commands are.
 
-use super::model::{BodyShape, Model};
 use super::scratch::{BodyScratch, RotorScratch};
-use super::topology::{Source, Topology};
+use super::topology::{Load, Source, Topology};
 use crate::autodiff::{Scalar, safe};
 use crate::dynamics::aero::downwash;
-use crate::dynamics::shape::Geometry;
 use crate::dynamics::spatial::*;
-use std::f64::consts::PI;
-
-/// A shape that wakes push, as kernels see it.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Load {
-    pub body: usize,
-    /// In the body's frame, m.
-    pub center: [f64; 3],
-    /// Its axes by rows, in the body's frame.
-    pub axes: [[f64; 3]; 3],
-    /// m² that face a wake along the unit vector d: end + side √(1 − d_z²) + Σ faces |d| along its axes.
-    pub end: f64,
-    pub side: f64,
-    pub faces: [f64; 3],
-}
-
-impl Load {
-    /// Shapes of bodies that carry no rotors, body by body.
-    pub(super) fn all(model: &Model) -> Vec<Self> {
-        let flies = |body: usize| {
-            model.rotors().iter().any(|r| r.body == body) || model.drones().iter().any(|d| d.body == body)
-        };
-        let loads = model.shapes().iter().filter_map(|s| Some((s.body.filter(|b| !flies(*b))?, s)));
-        let loads = loads.filter(|(body, _)| model.bodies()[*body].mass > 0.0);
-        let mut all: Vec<_> = loads.map(|(body, shape)| Self::of(body, shape)).collect();
-        all.sort_by_key(|load| load.body);
-        all
-    }
-
-    fn of(body: usize, BodyShape { shape, .. }: &BodyShape) -> Self {
-        let (center, axes) = (shape.position, transpose(matrix(shape.rotation)));
-        let none = Self { body, center, axes, end: 0.0, side: 0.0, faces: [0.0; 3] };
-        match shape.geometry {
-            Geometry::Sphere { radius } => Self { end: PI * radius * radius, ..none },
-            Geometry::Capsule { radius, length } => {
-                Self { end: PI * radius * radius, side: 2.0 * radius * length, ..none }
-            }
-            Geometry::Box { size: [x, y, z] } => Self { faces: [y * z, z * x, x * y], ..none },
-        }
-    }
-}
 
 /// Finds the wakes of all drones on all others and on loads. Needs kinematics.
 #[inline(always)]

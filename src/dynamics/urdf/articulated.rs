@@ -1,8 +1,11 @@
 //! Links and joints through the assembly: a URDF as a model whose joints move.
 
 use super::bodies::{Body, Joint, NO_LIMIT, left_out, total_mass};
+use super::fault::{clean, fault, few, in_file};
 use super::import::{Read, check_part_names, read, read_files};
-use super::{ImportOptions, RotorFile, Warning, clean, fault, few, in_file, resolve};
+use super::options::ImportOptions;
+use super::rotors::RotorFile;
+use super::{Warning, resolve};
 use crate::dynamics::assembly::{Assembly, Join, Kind, Solid, WORLD};
 use crate::dynamics::tree::Model;
 use crate::dynamics::vehicle::{Inertia, Rotor};

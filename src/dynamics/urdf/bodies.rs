@@ -1,7 +1,7 @@
 //! Every link's frame, mass and inertia in the base frame, with all joints at zero.
 
+use super::fault::{clean, fault, few, in_file};
 use super::tree::Tree;
-use super::{clean, fault, few, in_file};
 use crate::dynamics::assembly::{Placement, WORLD};
 use crate::dynamics::shape::{Geometry, Pose, Shape};
 use crate::dynamics::spatial::multiply;

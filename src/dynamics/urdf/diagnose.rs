@@ -3,9 +3,11 @@
 //! urdf-rs drops unknown elements, skips words that are not numbers (`xyz="0 x 0 0"` reads as three zeros) and fills
 //! in what is missing. So the file is judged here, on the plain XML tree, before urdf-rs reads it.
 
+use super::Warning;
+use super::fault::{clean, fault};
 use super::input_limits::InputLimits;
+use super::options::ImportOptions;
 use super::schema::{self, Kind, LARGEST, Rule, Times};
-use super::{ImportOptions, Warning, clean, fault};
 use crate::error::{Error, Result};
 use roxmltree::{Document, Node};
 use std::collections::BTreeMap;

@@ -1,9 +1,11 @@
 //! A first rotor file for a URDF that has none: what the names tell, and honest guesses for the rest.
 
 use super::bodies::{Body, hubs, total_mass};
-use super::import::{ImportOptions, Read, check_masses, read};
+use super::fault::{fault, few};
+use super::import::{Read, check_masses, read};
+use super::options::ImportOptions;
 use super::recognise::{alternating_spins, rotor_links, seen_along, spacing};
-use super::{export, fault, few, resolve};
+use super::{export, resolve};
 use crate::dynamics::vehicle::{GRAVITY, MAX_ROTORS, Vehicle};
 use crate::error::Result;
 use nalgebra::Vector3;
@@ -85,7 +87,8 @@ fn guess(read: &Read, links: &[usize]) -> Draft {
         ));
     }
     let mark = Draft::GUESS;
-    let mut toml = format!("# Draft for {}: every line marked 'assumed' is a guess.\n", super::clean(&read.file));
+    let mut toml =
+        format!("# Draft for {}: every line marked 'assumed' is a guess.\n", super::fault::clean(&read.file));
     let _ = write!(toml, "source = \"drafted from names and mass; nothing measured\"\n\n[defaults]\n");
     for line in &lines {
         let _ = writeln!(toml, "{} = {:?} {mark}: {}", line.key, line.value, line.why);

@@ -1,6 +1,7 @@
 //! A vehicle written back as URDF and rotor file; importing the pair gives the same vehicle.
 
-use super::{RotorEntry, RotorFile, fault};
+use super::fault::fault;
+use super::rotors::{RotorEntry, RotorFile};
 use crate::dynamics::shape::{Geometry, Shape};
 use crate::dynamics::spatial::to_euler;
 use crate::dynamics::vehicle::{Part, Rotor, Vehicle};
@@ -21,12 +22,12 @@ pub fn export(vehicle: &Vehicle) -> Result<(String, String)> {
     let mut seen = std::collections::HashSet::new();
     for name in names.chain(vehicle.rotors.iter().map(|r| r.name.as_str())).chain([vehicle.name.as_str()]) {
         if name.is_empty() || name.trim() != name || name.chars().any(char::is_control) {
-            let rule = format!("the name '{}' cannot stand in a URDF", super::clean(name));
+            let rule = format!("the name '{}' cannot stand in a URDF", super::fault::clean(name));
             return Err(fault("<export>", "vehicle", rule, "Use a name without control characters or outer blanks."));
         }
     }
     if let Some(part) = vehicle.parts.iter().find(|p| !seen.insert(p.name.as_str())) {
-        let rule = format!("two parts are called '{}'", super::clean(&part.name));
+        let rule = format!("two parts are called '{}'", super::fault::clean(&part.name));
         return Err(fault("<export>", "vehicle", rule, "Rename one: links of a URDF have unique names."));
     }
     Ok((urdf(vehicle), rotor_file(vehicle).to_toml()?))

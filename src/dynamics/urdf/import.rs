@@ -1,26 +1,18 @@
 //! The steps of an import, in order: fence, diagnosis, tree, urdf-rs, bodies, rotors, vehicle.
 
 use super::bodies::{self, Body, Joint, left_out, total_mass};
-use super::input_limits::{self, InputLimits};
+use super::fault::{clean, fault, few, in_file};
+use super::input_limits;
+use super::options::ImportOptions;
 use super::properties::{self, Properties};
-use super::{RotorFile, Vehicle, Warning, clean, diagnose, fault, few, in_file, resolve, tree};
+use super::rotors::RotorFile;
+use super::{Vehicle, Warning, diagnose, resolve, tree};
 use crate::dynamics::assembly::WORLD;
 use crate::dynamics::vehicle::{Part, Rotor};
 use crate::error::Result;
 use nalgebra::Vector3;
-use std::collections::{BTreeMap, HashSet};
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
-
-/// How to import.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct ImportOptions {
-    /// Fences.
-    pub limits: InputLimits,
-    /// Folders of `package://name/…` paths. Nothing is resolved without them, and no mesh is opened in any case.
-    pub packages: BTreeMap<String, PathBuf>,
-    /// The rotor file, or a folder that holds `<stem>.rotors.toml`; it wins over the one beside the URDF.
-    pub rotors: Option<PathBuf>,
-}
 
 /// What an import gives.
 #[derive(Debug, Clone, PartialEq)]

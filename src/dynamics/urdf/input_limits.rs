@@ -3,7 +3,7 @@
 //! [`check`] counts depth and elements with a loop over bytes that cannot recurse. On well-formed text its counts are
 //! exact; on malformed text they are exact up to the place where the first real parser stops.
 
-use super::fault;
+use super::fault::fault;
 use crate::error::{Error, Result};
 use crate::file_gate;
 use std::path::Path;

@@ -13,7 +13,8 @@
 //! | `recognise.rs` | which links look like rotors, and how they would spin |
 //! | `draft.rs` | a first rotor file for a URDF that has none |
 //! | `export.rs` | a vehicle written back as URDF and TOML |
-//! | `import.rs` | the steps above in order |
+//! | `options.rs`, `import.rs` | how to import; the steps above in order |
+//! | `fault.rs` | what is said of a file |
 //! | `articulated.rs` | the same links and joints through the assembly, as a model that moves |
 //!
 //! ```
@@ -38,8 +39,10 @@ mod bodies;
 mod diagnose;
 mod draft;
 mod export;
+mod fault;
 mod import;
 mod input_limits;
+mod options;
 mod properties;
 mod recognise;
 mod resolve;
@@ -50,13 +53,13 @@ mod tree;
 pub use articulated::{ModelImport, import_model_file, import_model_text};
 pub use draft::{Draft, draft_rotors};
 pub use export::export;
-pub use import::{Import, ImportOptions, import_file, import_text, rotor_file_beside};
+pub use import::{Import, import_file, import_text, rotor_file_beside};
 pub use input_limits::InputLimits;
+pub use options::ImportOptions;
 pub use rotors::{RotorEntry, RotorFile};
 
 use super::Oddity;
 use super::vehicle::Vehicle;
-use crate::error::Error;
 
 /// Something in the file that was understood, but is probably not what its author meant.
 #[derive(Debug, Clone, PartialEq)]
@@ -92,41 +95,9 @@ impl Warning {
     }
 }
 
-/// An [`Error::Format`] from parts.
-fn fault(file: &str, place: impl Into<String>, rule: impl Into<String>, remedy: impl Into<String>) -> Error {
-    Error::Format { file: file.to_string(), place: place.into(), rule: rule.into(), remedy: remedy.into() }
-}
-
-/// Turns a value error of [`Vehicle::validate`] and its parts into one that names the file.
-fn in_file(error: Error, file: &str, place: &str) -> Error {
-    match error {
-        Error::Value { what, value, limit, remedy } | Error::Limit { what, value, limit, remedy } => {
-            fault(file, place, format!("{what} is {value}, but it must be {limit}"), remedy)
-        }
-        other => other,
-    }
-}
-
-/// A name from a file made fit for one line of text: control characters blanked, at most 64 characters.
-fn clean(name: &str) -> String {
-    let mut text: String = name.chars().take(64).map(|c| if c.is_control() { ' ' } else { c }).collect();
-    if text.len() < name.len() {
-        text.push('…');
-    }
-    text
-}
-
-/// `link 'a', 'b', 'c' and 5 more`-style list of at most three names.
-fn few(names: &[&str]) -> String {
-    let mut text = names.iter().take(3).map(|n| format!("'{}'", clean(n))).collect::<Vec<_>>().join(", ");
-    if names.len() > 3 {
-        text.push_str(&format!(" and {} more", names.len() - 3));
-    }
-    text
-}
-
 #[cfg(test)]
 mod tests {
+    use super::fault::clean;
     use super::*;
 
     #[test]

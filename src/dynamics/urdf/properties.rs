@@ -6,9 +6,10 @@
 
 use super::bodies::{Body, hubs, total_mass};
 use super::diagnose::{Lines, numbers, place};
+use super::fault::{clean, fault};
 use super::recognise::{rotor_links, seen_along, spacing};
 use super::schema::LARGEST;
-use super::{Warning, clean, fault, resolve};
+use super::{Warning, resolve};
 use crate::dynamics::vehicle::{GRAVITY, Rotor};
 use crate::error::Result;
 use roxmltree::{Document, Node};

@@ -1,9 +1,9 @@
 //! Rotor entries placed on the bodies: where the hub is, which way it pushes, and that every value is there.
 
 use super::bodies::{Body, hubs};
+use super::fault::{clean, fault};
 use super::rotors::{RotorEntry, RotorFile};
 use super::schema::LARGEST;
-use super::{clean, fault};
 use crate::dynamics::vehicle::Rotor;
 use crate::error::{Result, suggestion};
 use nalgebra::Vector3;
@@ -85,7 +85,7 @@ pub(super) fn hubs_by_mass(on: &[&Body]) -> String {
     let names: Vec<&str> = on.iter().map(|b| b.name.as_str()).collect();
     format!(
         "The frames of the rotor links {} all lie at one point: their <inertial><origin> is taken as the rotor's position.",
-        super::few(&names)
+        super::fault::few(&names)
     )
 }
 

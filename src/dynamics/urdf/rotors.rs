@@ -17,8 +17,8 @@
 //!
 //! Further tables: `[[parts]]` (extra masses, as [`Part`]), `[drag]` ([`Drag`]) and `[gains]` ([`Gains`]).
 
+use super::fault::{clean, fault, in_file};
 use super::schema::LARGEST;
-use super::{clean, fault, in_file};
 use crate::dynamics::vehicle::{Drag, Gains, MAX_ROTORS, Part};
 use crate::error::{Error, Result, suggestion};
 use crate::reader::{self, Mistake};

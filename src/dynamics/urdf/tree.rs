@@ -1,7 +1,8 @@
 //! Links and joints as a tree: one root, no link with two parents, no cycle, every name known and unique.
 
 use super::diagnose::{Lines, place};
-use super::{ImportOptions, clean, fault, few};
+use super::fault::{clean, fault, few};
+use super::options::ImportOptions;
 use crate::error::{Error, Result, suggestion};
 use roxmltree::{Document, Node};
 use std::collections::{HashMap, VecDeque};

@@ -3,14 +3,13 @@
 use super::{ActorCritic, Kind};
 use crate::error::{Error, Result};
 use crate::parallel::Threads;
-use crate::rl::algorithm::Algorithm;
 use crate::rl::checks::check_counts;
-use crate::rl::learner::Learner;
+use crate::rl::learner::{Algorithm, Learner, Make};
 use crate::rl::nn::{AdamConfig, Layers};
 use crate::rl::policy::Actor;
 use crate::rl::replay::ReplayConfig;
 use crate::rl::schedule::Schedule;
-use crate::rl::shards::{Make, with_normaliser};
+use crate::rl::shards::with_normaliser;
 use crate::rl::target_network::check_targets;
 use crate::tasks::{EnvConfig, Spec};
 use serde::de::DeserializeOwned;

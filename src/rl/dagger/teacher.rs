@@ -3,8 +3,8 @@
 use super::{DaggerConfig, Imitate, Shard};
 use crate::error::{Error, Result};
 use crate::parallel::Threads;
+use crate::rl::learner::Make;
 use crate::rl::nn::{Encoded, Memory, last_encoder};
-use crate::rl::parts::Make;
 use crate::rl::policy::{Policy, ROWS};
 use crate::rl::policy_io::load_policy;
 use crate::tasks::{Baseline, Buffers, Env, EnvConfig, Spec, Stage};

@@ -1,8 +1,6 @@
 //! Settings of DQN.
 
-use super::Dqn;
 use crate::error::{Error, Result};
-use crate::rl::algorithm::built_in;
 use crate::rl::checks::check_counts;
 use crate::rl::nn::{AdamConfig, Layers};
 use crate::rl::policy::Actor;
@@ -166,13 +164,5 @@ impl DqnConfig {
         self.replay.validate_for(self.n_env)?;
         self.adam.validate()?;
         self.network.validate()
-    }
-}
-
-built_in! {
-    "dqn": DqnConfig => Dqn, squashed: false, loss: "error of the values", in: "config.rs", actor: DqnConfig::actor;
-
-    fn seen(&self, env: &EnvConfig) -> EnvConfig {
-        DqnConfig::seen(self, env)
     }
 }

@@ -1,8 +1,6 @@
 //! Settings of PPO.
 
-use super::Ppo;
 use crate::error::{Error, Result};
-use crate::rl::algorithm::built_in;
 use crate::rl::checks::{check_counts, check_positive};
 use crate::rl::nn::head::{LOG_STD_MAX, LOG_STD_MIN};
 use crate::rl::nn::{AdamConfig, Layers};
@@ -201,18 +199,5 @@ mod none_is_zero {
         D: Deserializer<'de>,
     {
         T::deserialize(from).map(|x| Some(x).filter(|x| *x != T::from(0.0)))
-    }
-}
-
-built_in! {
-    "ppo": PpoConfig => Ppo, squashed: false, loss: "−(clipped surrogate + entropy bonus)", in: "config.rs", actor: PpoConfig::actor;
-
-    fn seen(&self, env: &EnvConfig) -> EnvConfig {
-        PpoConfig::seen(self, env)
-    }
-
-    /// Updates are few and long.
-    fn evaluate_every(&self) -> u64 {
-        20
     }
 }

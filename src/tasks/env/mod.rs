@@ -121,14 +121,6 @@ impl std::fmt::Debug for Env {
 }
 
 impl Env {
-    /// A registered task by its name (case does not matter), with its own defaults under the configuration.
-    ///
-    /// # Errors
-    /// [`Error::Unknown`] with the nearest name; otherwise as [`Env::of`].
-    pub fn make(task: &str, config: &EnvConfig) -> Result<Self> {
-        super::registry::by_name(task)?.env(config)
-    }
-
     /// A task of one's own, built from the same configuration.
     ///
     /// # Errors

@@ -18,10 +18,9 @@ use crate::error::Result;
 use crate::settings;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
-use crate::tasks::registry::BuiltIn;
 use crate::tasks::reward::{both, exponential_kernel, smooth_norm};
 use crate::tasks::robot::{Robot, benchmark_motors};
-use crate::tasks::task::{ANY_YAW, Start, Task, TaskReference, View};
+use crate::tasks::task::{ANY_YAW, BuiltIn, Start, Task, TaskReference, View};
 
 /// Links.
 const LINKS: usize = 4;

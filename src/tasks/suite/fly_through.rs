@@ -27,10 +27,9 @@ use crate::error::Result;
 use crate::settings;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
-use crate::tasks::registry::BuiltIn;
 use crate::tasks::reward::{exponential_kernel, rational_kernel, smooth_norm, still, upright};
 use crate::tasks::robot::Robot;
-use crate::tasks::task::{Start, Task, View};
+use crate::tasks::task::{BuiltIn, Start, Task, View};
 
 /// Starts on the way are no nearer to the gate, m.
 const CLEAR: f64 = 0.5;

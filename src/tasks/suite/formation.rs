@@ -15,10 +15,9 @@ use crate::error::{Error, Result, finite};
 use crate::settings;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
-use crate::tasks::registry::BuiltIn;
 use crate::tasks::reward::{exponential_kernel, rational_kernel, smooth_norm};
 use crate::tasks::robot::Robot;
-use crate::tasks::task::{Start, Task, TaskReference, View};
+use crate::tasks::task::{BuiltIn, Start, Task, TaskReference, View};
 use crate::tasks::task_spec::Success;
 use serde::{Deserialize, Serialize};
 

@@ -29,10 +29,9 @@ use crate::error::Result;
 use crate::settings;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
-use crate::tasks::registry::BuiltIn;
 use crate::tasks::reward::{exponential_kernel, rational_kernel, smooth_norm, still, upright};
 use crate::tasks::robot::Robot;
-use crate::tasks::task::{Start, Task, TaskReference, View};
+use crate::tasks::task::{BuiltIn, Start, Task, TaskReference, View};
 use crate::tasks::task_spec::Success;
 
 /// Drones.

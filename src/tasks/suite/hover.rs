@@ -15,10 +15,9 @@ use crate::error::Result;
 use crate::settings;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
-use crate::tasks::registry::BuiltIn;
 use crate::tasks::reward::{both, rational_kernel, smooth_norm, still, upright};
 use crate::tasks::robot::Robot;
-use crate::tasks::task::{ANY_YAW, Start, Task, TaskReference, View};
+use crate::tasks::task::{ANY_YAW, BuiltIn, Start, Task, TaskReference, View};
 
 settings! {
     /// Settings of [`Hover`].

@@ -43,7 +43,7 @@ mod tests_single;
 
 use super::declare::Loss;
 use super::reward::pseudo_huber;
-use super::task::{ANY_YAW, START_TILT, Start, View};
+use super::task::{ANY_YAW, START_TILT, Start, View, eased};
 use crate::autodiff::{Scalar, safe};
 use crate::dynamics::spatial::{Quat, Vec3};
 use crate::settings;
@@ -84,11 +84,6 @@ impl StartRange {
         let share = self.attitude.share(start);
         (start.position(self.position.map(|range| narrowed(range, share))), self.attitude.draw(start))
     }
-}
-
-/// A factor of a curriculum that is `ease` at difficulty 0 and 1 at difficulty 1.
-pub(crate) fn eased(ease: f64, difficulty: f64) -> f64 {
-    1.0 - (1.0 - ease) * (1.0 - difficulty)
 }
 
 /// Where an episode begins that should begin at `from`: in the share `along` anywhere on the straight way to `to`, but no nearer
@@ -279,21 +274,3 @@ macro_rules! succeeds_once {
     };
 }
 pub(crate) use succeeds_once;
-
-/// What one of a team observes, and the central state: drones, then what the task's `observe_shared` adds.
-macro_rules! observes_team {
-    ($own:ident, $body:expr, $distance:expr) => {
-        #[inline(always)]
-        fn observe<S: Scalar>(&$own, view: &View<'_, S>, agent: usize, out: &mut impl Writer<S>) {
-            crate::tasks::suite::team::observe_own(view, agent, view.frame($body).position, out);
-            crate::tasks::suite::team::observe_others(view, agent, $distance, out);
-            $own.observe_shared(view, out);
-        }
-        #[inline(always)]
-        fn central<S: Scalar>(&$own, view: &View<'_, S>, out: &mut impl Writer<S>) {
-            crate::tasks::suite::team::observe_drones(view, view.frame($body).position, out);
-            $own.observe_shared(view, out);
-        }
-    };
-}
-pub(crate) use observes_team;

@@ -9,10 +9,12 @@
 
 use super::obstacles::{NEARNESS, Skin, course, nearness, rounded, touches, touching, where_on};
 use super::over::*;
-use super::team::{ALL_BEYOND, CourseLoss, TeamSettings, arrived, clearance, lowest, observe_load, remember_course};
+use super::team::{
+    ALL_BEYOND, CourseLoss, TeamSettings, arrived, clearance, lowest, observe_load, observes_team, remember_course,
+};
 use super::{
-    PoseReward, PoseSuccess, StartAttitude, StartRange, along_the_course, eased, less, made_of, more, nearer,
-    observes_team, squared, succeeds_once,
+    PoseReward, PoseSuccess, StartAttitude, StartRange, along_the_course, eased, less, made_of, more, nearer, squared,
+    succeeds_once,
 };
 use crate::autodiff::{Mask, Scalar, safe};
 use crate::dynamics::assembly::rod;
@@ -24,10 +26,9 @@ use crate::error::Result;
 use crate::settings;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
-use crate::tasks::registry::BuiltIn;
 use crate::tasks::reward::rational_kernel;
 use crate::tasks::robot::Robot;
-use crate::tasks::task::{Start, Task, View};
+use crate::tasks::task::{BuiltIn, Start, Task, View};
 use crate::tasks::task_spec::Smoothness;
 use std::f64::consts::PI;
 

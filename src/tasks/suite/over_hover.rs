@@ -6,18 +6,17 @@
 //! - DIFFERENCE: total mass everywhere (defect 5).
 
 use super::over::*;
-use super::team::{TeamSettings, lowest, observe_load};
-use super::{PoseLoss, PoseReward, PoseSuccess, StartRange, farther, less, made_of, observes_team, succeeds_within};
+use super::team::{TeamSettings, lowest, observe_load, observes_team};
+use super::{PoseLoss, PoseReward, PoseSuccess, StartRange, farther, less, made_of, succeeds_within};
 use crate::autodiff::{Mask, Scalar, StridedView, safe};
 use crate::dynamics::frame::Frame;
 use crate::error::Result;
 use crate::settings;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
-use crate::tasks::registry::BuiltIn;
 use crate::tasks::reward::exponential_kernel;
 use crate::tasks::robot::Robot;
-use crate::tasks::task::{Start, Task, TaskReference, View};
+use crate::tasks::task::{BuiltIn, Start, Task, TaskReference, View};
 use crate::tasks::task_spec::Smoothness;
 
 /// Where starts are.

@@ -4,10 +4,9 @@
 //! - DIFFERENCE: total mass everywhere (defect 5).
 
 use super::over::*;
-use super::team::{TeamSettings, lowest, observe_load};
+use super::team::{TeamSettings, lowest, observe_load, observes_team};
 use super::{
-    PathSuccess, PoseLoss, PoseReward, StartAttitude, less, made_of, observes_team, rate_cost, speed_cost, squared,
-    succeeds_within,
+    PathSuccess, PoseLoss, PoseReward, StartAttitude, less, made_of, rate_cost, speed_cost, squared, succeeds_within,
 };
 use crate::autodiff::{Mask, Scalar, safe};
 use crate::controllers::reference::Reference;
@@ -16,10 +15,9 @@ use crate::error::Result;
 use crate::settings;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
-use crate::tasks::registry::BuiltIn;
 use crate::tasks::reward::{exponential_kernel, smooth_norm};
 use crate::tasks::robot::Robot;
-use crate::tasks::task::{Start, Task, TaskReference, View};
+use crate::tasks::task::{BuiltIn, Start, Task, TaskReference, View};
 use crate::tasks::task_spec::Smoothness;
 use crate::tasks::track_path::{Follow, PATH, PathRange, TrackPath, about_path};
 

@@ -17,9 +17,8 @@ use crate::error::Result;
 use crate::settings;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
-use crate::tasks::registry::BuiltIn;
 use crate::tasks::reward::{exponential_kernel, rational_kernel, still, upright};
-use crate::tasks::task::{Start, Task, View};
+use crate::tasks::task::{BuiltIn, Start, Task, View};
 
 /// Place of q_t in the goal.
 const TARGET: usize = LOAD + BARS;

@@ -16,9 +16,8 @@ use crate::error::Result;
 use crate::settings;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
-use crate::tasks::registry::BuiltIn;
 use crate::tasks::reward::{exponential_kernel, still};
-use crate::tasks::task::{Start, Task, View};
+use crate::tasks::task::{BuiltIn, Start, Task, View};
 use std::f64::consts::PI;
 
 /// What both fly-through tasks have, with the numbers of this one.

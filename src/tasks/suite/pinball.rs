@@ -23,10 +23,9 @@ use crate::error::Result;
 use crate::settings;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
-use crate::tasks::registry::BuiltIn;
 use crate::tasks::reward::{pseudo_huber, smooth_norm};
 use crate::tasks::robot::{Inertial, Robot};
-use crate::tasks::task::{Start, Task, View};
+use crate::tasks::task::{BuiltIn, Start, Task, View};
 use crate::tasks::task_spec::Success;
 use std::f64::consts::PI;
 

@@ -20,10 +20,9 @@ use crate::rng::{Purpose, Stream};
 use crate::settings;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
-use crate::tasks::registry::BuiltIn;
 use crate::tasks::reward::{rational_kernel, smooth_norm};
 use crate::tasks::robot::Robot;
-use crate::tasks::task::{Start, Task, TaskReference, View};
+use crate::tasks::task::{BuiltIn, Start, Task, TaskReference, View};
 use crate::tasks::task_spec::Success;
 
 /// When our controllers have every drone at its target, s.

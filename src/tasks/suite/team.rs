@@ -220,3 +220,21 @@ pub(crate) fn arrived<S: Scalar>(view: &View<'_, S>) -> S {
 pub fn clearance<S: Scalar>(view: &View<'_, S>) -> S {
     view.task_state.get(1)
 }
+
+/// What one of a team observes, and the central state: drones, then what the task's `observe_shared` adds.
+macro_rules! observes_team {
+    ($own:ident, $body:expr, $distance:expr) => {
+        #[inline(always)]
+        fn observe<S: Scalar>(&$own, view: &View<'_, S>, agent: usize, out: &mut impl Writer<S>) {
+            crate::tasks::suite::team::observe_own(view, agent, view.frame($body).position, out);
+            crate::tasks::suite::team::observe_others(view, agent, $distance, out);
+            $own.observe_shared(view, out);
+        }
+        #[inline(always)]
+        fn central<S: Scalar>(&$own, view: &View<'_, S>, out: &mut impl Writer<S>) {
+            crate::tasks::suite::team::observe_drones(view, view.frame($body).position, out);
+            $own.observe_shared(view, out);
+        }
+    };
+}
+pub(crate) use observes_team;

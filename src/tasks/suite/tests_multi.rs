@@ -8,9 +8,8 @@ use crate::dynamics::frame::FRAME;
 use crate::dynamics::shape::{Geometry, Pose, Shape};
 use crate::tasks::any_task::declare;
 use crate::tasks::declare::{Goal, Masks};
-use crate::tasks::registry::BuiltIn;
 use crate::tasks::robot::Robot;
-use crate::tasks::task::{MAX_ENDS, MAX_TERMS, streams};
+use crate::tasks::task::{BuiltIn, MAX_ENDS, MAX_TERMS, streams};
 use crate::tasks::task_spec::total;
 use crate::tasks::{Buffers, Env, EnvConfig, Start, Task, View};
 

@@ -12,15 +12,13 @@
 
 use super::obstacles::{Bars, BarsSettings, NEARNESS, Skin, course, nearness, rounded, touches, touching, where_on};
 use super::team::{
-    ALL_BEYOND, arrived, clearance, highest, lowest, mean_throttle_difference, observe_load, remember_course,
-    squared_separation,
+    ALL_BEYOND, arrived, clearance, highest, lowest, mean_throttle_difference, observe_load, observes_team,
+    remember_course, squared_separation,
 };
 use super::transport::{
     BOX, BOX_NAMES, CarryReward, GroupLoss, GroupSettings, Load, TO_TARGET, group, group_loss, stiff_physics,
 };
-use super::{
-    StartAttitude, StartRange, along_the_course, less, made_of, more, nearer, observes_team, succeeds_once, times,
-};
+use super::{StartAttitude, StartRange, along_the_course, less, made_of, more, nearer, succeeds_once, times};
 use crate::autodiff::{Scalar, safe};
 use crate::dynamics::shape::Pose;
 use crate::dynamics::spatial::{Vec3, sub};
@@ -28,10 +26,9 @@ use crate::error::Result;
 use crate::settings;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
-use crate::tasks::registry::BuiltIn;
 use crate::tasks::reward::{exponential_kernel, upright};
 use crate::tasks::robot::Robot;
-use crate::tasks::task::{Start, Task, View};
+use crate::tasks::task::{BuiltIn, Start, Task, View};
 use std::f64::consts::FRAC_PI_2;
 
 /// Starts on the way are no nearer to the beams with the middle of the box, m: half its length and more.

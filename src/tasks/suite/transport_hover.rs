@@ -9,21 +9,20 @@
 //! - DIFFERENCE: total mass everywhere; the published share counts base links alone (defect 5).
 
 use super::hover::set_heading;
-use super::team::{lowest, mean_throttle_difference, observe_load, squared_separation};
+use super::team::{lowest, mean_throttle_difference, observe_load, observes_team, squared_separation};
 use super::transport::{
     BOX, BOX_NAMES, GroupLoss, GroupSettings, Load, SteadyReward, TO_TARGET, free_robot, group_loss, steady,
 };
-use super::{PoseSuccess, StartAttitude, StartRange, less, made_of, observes_team, squared, succeeds_within};
+use super::{PoseSuccess, StartAttitude, StartRange, less, made_of, squared, succeeds_within};
 use crate::autodiff::{Mask, Scalar, safe};
 use crate::dynamics::spatial::{Vec3, constants, dot, sub, yawed};
 use crate::error::Result;
 use crate::settings;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
-use crate::tasks::registry::BuiltIn;
 use crate::tasks::reward::{both, exponential_kernel};
 use crate::tasks::robot::Robot;
-use crate::tasks::task::{ANY_YAW, Start, Task, TaskReference, View};
+use crate::tasks::task::{ANY_YAW, BuiltIn, Start, Task, TaskReference, View};
 
 /// Where starts are.
 fn start_range() -> StartRange {

@@ -8,11 +8,11 @@
 //! - DIFFERENCE: total mass everywhere; the published share counts base links alone (defect 5).
 
 use super::over_track::wide_path;
-use super::team::{lowest, mean_throttle_difference, observe_load, squared_separation};
+use super::team::{lowest, mean_throttle_difference, observe_load, observes_team, squared_separation};
 use super::transport::{
     BOX, BOX_NAMES, CarryReward, GroupLoss, GroupSettings, Load, SteadyReward, free_robot, group_loss, steady,
 };
-use super::{PathSuccess, StartAttitude, less, made_of, observes_team, succeeds_within};
+use super::{PathSuccess, StartAttitude, less, made_of, succeeds_within};
 use crate::autodiff::{Scalar, safe};
 use crate::controllers::reference::Reference;
 use crate::dynamics::spatial::{Vec3, sub};
@@ -20,10 +20,9 @@ use crate::error::Result;
 use crate::settings;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
-use crate::tasks::registry::BuiltIn;
 use crate::tasks::reward::exponential_kernel;
 use crate::tasks::robot::Robot;
-use crate::tasks::task::{Start, Task, TaskReference, View};
+use crate::tasks::task::{BuiltIn, Start, Task, TaskReference, View};
 use crate::tasks::track_path::{Follow, TrackPath, about_path};
 
 /// Look-ahead points.

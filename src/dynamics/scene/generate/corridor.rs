@@ -1,6 +1,6 @@
 //! Two walls along a way with bends.
 
-use super::{block, count, range, stream};
+use super::draw::{block, count, range, stream};
 use crate::dynamics::scene::Scene;
 use crate::dynamics::shape::within;
 use crate::error::{Error, Result};

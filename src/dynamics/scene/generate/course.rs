@@ -1,6 +1,6 @@
 //! Gates along a winding way.
 
-use super::{count, range, stream};
+use super::draw::{count, range, stream};
 use crate::dynamics::scene::{Gate, Scene};
 use crate::dynamics::shape::within;
 use crate::error::{Error, Result};

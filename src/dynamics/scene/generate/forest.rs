@@ -1,6 +1,6 @@
 //! Upright trunks across a corridor, and new places for them in every episode.
 
-use super::{count, range, stream};
+use super::draw::{count, range, stream};
 use crate::dynamics::scene::{Obstacle, Scene};
 use crate::dynamics::shape::{Geometry, MAX_SIZE, Shape, within};
 use crate::error::{Error, Result};

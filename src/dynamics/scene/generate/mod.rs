@@ -2,6 +2,7 @@
 //!
 //! | file | kind | what |
 //! |---|---|---|
+//! | `draw` | | what all of them draw with, and check |
 //! | `forest` | `forest` | upright trunks across a corridor, never closer than a gap; a new forest per episode as a placement |
 //! | `corridor` | `corridor` | two walls along a way with bends |
 //! | `rooms` | `rooms` | rooms side by side, all of them joined by doors |
@@ -14,6 +15,7 @@
 
 mod corridor;
 mod course;
+mod draw;
 mod forest;
 mod rooms;
 mod rubble;
@@ -26,11 +28,8 @@ pub use rooms::Rooms;
 pub use rubble::Rubble;
 pub use terrain::Terrain;
 
-use super::{MAX_ELEMENTS, Obstacle, Scene};
-use crate::dynamics::shape::{Geometry, Shape, within};
-use crate::dynamics::spatial::Vec3;
+use super::Scene;
 use crate::error::{Error, Result};
-use crate::rng::{Purpose, Stream};
 use serde::{Deserialize, Serialize};
 
 /// One kind of scene with its settings; as TOML, a table with `kind = "forest"` and the keys of [`Forest`] that differ
@@ -127,35 +126,6 @@ impl Generator {
             Self::Terrain(terrain) => terrain.scene(),
         }
     }
-}
-
-/// What a scene is drawn from.
-fn stream(seed: u64) -> Stream {
-    Stream::new(seed, 0, 0, Purpose::TASK)
-}
-
-/// Checks that both ends of a range lie in [`least`, `most`] and are in order.
-fn range(what: &str, [lo, hi]: [f64; 2], least: f64, most: f64) -> Result<()> {
-    within(&format!("{what}[0]"), lo, least, most)?;
-    within(&format!("{what}[1]"), hi, least, most)?;
-    if lo <= hi {
-        return Ok(());
-    }
-    Err(Error::value(what, format!("[{lo}, {hi}]"), "[least, most]", "Swap the two."))
-}
-
-/// Checks a number of things.
-fn count(what: &str, n: usize) -> Result<()> {
-    if (1..=MAX_ELEMENTS).contains(&n) {
-        return Ok(());
-    }
-    Err(Error::limit(what, n, format!("1 to {MAX_ELEMENTS}"), "Leave out what no vehicle can reach."))
-}
-
-/// An upright block about a centre, turned by `yaw` about z.
-fn block(name: String, center: Vec3<f64>, size: Vec3<f64>, yaw: f64) -> Obstacle {
-    let (s, c) = (0.5 * yaw).sin_cos();
-    Obstacle { name, shape: Shape::new(Geometry::Box { size }).at(center).turned([c, 0.0, 0.0, s]) }
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! Rooms side by side, all of them joined by doors.
 
-use super::{block, count, stream};
+use super::draw::{block, count, stream};
 use crate::dynamics::scene::{Obstacle, Scene};
 use crate::dynamics::shape::within;
 use crate::error::{Error, Result};

@@ -1,6 +1,6 @@
 //! Blocks, tilted and half sunk: what is left of a wall.
 
-use super::{count, range, stream};
+use super::draw::{count, range, stream};
 use crate::dynamics::contact::plane_distance;
 use crate::dynamics::scene::{Obstacle, Scene};
 use crate::dynamics::shape::{Geometry, MAX_SIZE, Pose, Shape, within};

@@ -1,6 +1,6 @@
 //! Smooth hills and hollows.
 
-use super::{range, stream};
+use super::draw::{range, stream};
 use crate::dynamics::relief::{Relief, Wave};
 use crate::dynamics::scene::Scene;
 use crate::dynamics::shape::within;

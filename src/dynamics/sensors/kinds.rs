@@ -1,0 +1,156 @@
+//! The kinds of sensors, one line each.
+
+use super::camera::{Camera, CameraDevice, Show};
+use super::device::{Channel, Device, KindSettings, Layout};
+use super::field::{Barometer, BarometerDevice, Magnetometer, MagnetometerDevice};
+use super::gnss::{Gnss, GnssDevice, MotionCapture, MotionCaptureDevice};
+use super::ground::{Flow, FlowDevice, Range, RangeDevice};
+use super::inertial::{Imu, ImuDevice};
+use super::lidar::{Lidar, LidarDevice};
+use super::touch::{Contact, ContactDevice};
+use crate::error::{Error, Result};
+use crate::reader;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+/// One kind of sensor, as a line of [`KINDS`].
+#[derive(Clone, Copy)]
+pub struct Kind {
+    /// In settings.
+    pub name: &'static str,
+    /// What it measures.
+    pub about: &'static str,
+    /// Keys that stand in a table only where they are given.
+    pub(crate) optional: &'static [&'static str],
+    read: fn(toml::Table, &str) -> Result<Model>,
+    ideal: fn() -> Model,
+}
+
+impl Kind {
+    /// Without errors, at its default place in the world.
+    pub fn ideal(&self) -> Model {
+        (self.ideal)()
+    }
+
+    /// The kind of that name.
+    ///
+    /// # Errors
+    /// [`Error::Unknown`] with the names of all.
+    pub fn by_name(name: &str) -> Result<&'static Self> {
+        KINDS.iter().find(|kind| kind.name == name).ok_or_else(|| Error::Unknown {
+            kind: "kind of sensor",
+            name: name.into(),
+            known: KINDS.iter().map(|kind| kind.name.to_string()).collect(),
+        })
+    }
+
+    /// From a table of settings; `place` names it in errors.
+    pub(crate) fn read(&self, table: toml::Table, place: &str) -> Result<Model> {
+        (self.read)(table, place)
+    }
+}
+
+impl std::fmt::Debug for Kind {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.name)
+    }
+}
+
+fn read<T: DeserializeOwned>(table: toml::Table, place: &str) -> Result<T> {
+    reader::of_table(&table).map_err(|fault| fault.in_table(place))
+}
+
+fn table<T: Serialize>(settings: &T) -> toml::Table {
+    toml::Table::try_from(settings).unwrap_or_default()
+}
+
+/// Settings, device and name of every kind from one line each.
+macro_rules! kinds {
+    ($($name:literal, $kind:ident, $device:ident, $about:literal;)+) => {
+        /// What a sensor measures and how wrongly.
+        #[derive(Debug, Clone, PartialEq)]
+        pub enum Model {
+            $(#[doc = $about] $kind($kind),)+
+        }
+
+        /// Every kind.
+        pub const KINDS: &[Kind] = &[
+            $(Kind {
+                name: $name,
+                about: $about,
+                optional: $kind::OPTIONAL,
+                read: |table, place| read(table, place).map(Model::$kind),
+                ideal: || Model::$kind($kind::default()),
+            },)+
+        ];
+
+        impl Model {
+            /// Its name in settings.
+            pub fn kind(&self) -> &'static str {
+                match self { $(Self::$kind(_) => $name,)+ }
+            }
+
+            /// Names and units of what it reads, in order.
+            pub fn channels(&self) -> Vec<Channel> {
+                match self { $(Self::$kind(settings) => settings.channels(),)+ }
+            }
+
+            /// How they lie about each other.
+            pub fn layout(&self) -> Layout {
+                match self { $(Self::$kind(settings) => settings.layout(),)+ }
+            }
+
+            /// Least and largest reading; infinite where there is none.
+            pub fn bounds(&self) -> [f64; 2] {
+                match self { $(Self::$kind(settings) => settings.bounds(),)+ }
+            }
+
+            /// Whether its readings have slopes in the pose: [`Gradient::Pose`](super::Gradient::Pose).
+            pub fn has_slopes(&self) -> bool {
+                match self {
+                    Self::Lidar(_) | Self::Range(_) => true,
+                    Self::Camera(camera) => camera.show == Show::Depth,
+                    _ => false,
+                }
+            }
+
+            /// Refuses numbers that no such part has; `what` names the sensor.
+            pub(crate) fn validate(&self, what: &str) -> Result<()> {
+                match self { $(Self::$kind(settings) => settings.validate(what),)+ }
+            }
+
+            pub(crate) fn table(&self) -> toml::Table {
+                match self { $(Self::$kind(settings) => table(settings),)+ }
+            }
+
+            pub(crate) fn at_work(&self, between: f64) -> Result<AtWork> {
+                Ok(match self { $(Self::$kind(settings) => AtWork::$kind($device::new(settings, between)?),)+ })
+            }
+        }
+
+        /// A [`Model`] with its state.
+        #[derive(Debug, Clone)]
+        pub(crate) enum AtWork {
+            $($kind($device),)+
+        }
+
+        impl AtWork {
+            pub(crate) fn device(&mut self) -> &mut dyn Device {
+                match self { $(Self::$kind(device) => device,)+ }
+            }
+        }
+    };
+}
+
+kinds! {
+    "imu", Imu, ImuDevice, "Specific force and angular velocity along mount axes.";
+    "magnetometer", Magnetometer, MagnetometerDevice, "Magnetic field along mount axes.";
+    "barometer", Barometer, BarometerDevice, "Static pressure at its height.";
+    "gnss", Gnss, GnssDevice, "Position and velocity of an antenna, world axes.";
+    "motion_capture", MotionCapture, MotionCaptureDevice, "Pose in the world, at times unseen.";
+    "range", Range, RangeDevice, "Distance to the ground, or what stands in the way, along -z of the mount.";
+    "flow", Flow, FlowDevice, "Motion of level ground through a picture, along -z of the mount.";
+    "contact", Contact, ContactDevice, "Net force of all contacts on its body, along mount axes.";
+    "lidar", Lidar, LidarDevice, "Distances along beams.";
+    "camera", Camera, CameraDevice, "Depth, what is seen, surfaces or colours, pixel by pixel.";
+}
