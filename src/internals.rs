@@ -8,9 +8,21 @@ pub use crate::rl::policy::ROWS;
 pub use crate::rl::shards::{Shard, shards};
 pub use crate::tasks::env::check::check_env_for;
 
-use crate::dynamics::Physics;
+use crate::controllers::design::{self, Corner};
+use crate::controllers::{BodyModel, Setpoint, position};
+use crate::dynamics::{Physics, Vehicle};
 
 /// How a step is divided.
 pub fn grid(physics: &Physics) -> Grid {
     physics.grid()
+}
+
+/// [T, M] that fly a reference without error, linear drag included.
+pub fn flat_wrench(body: &BodyModel<f64>, sample: &Setpoint<f64>) -> [f64; 4] {
+    position::flat_wrench(body, sample)
+}
+
+/// The vehicle with mass, inertia, lag and centre of mass of a corner.
+pub fn truth(vehicle: &Vehicle, corner: &Corner) -> Vehicle {
+    design::truth(vehicle, corner)
 }

@@ -35,7 +35,6 @@
 //! | [`chain_shape`] | the shape of a chain |
 //! | [`indi`] | flatness over incremental inversion of the dynamics, at the limits of the rotors |
 //! | `low_pass` | filters whose lags agree |
-//! | [`tracking`] | controllers on the 144 ellipses of a published comparison |
 //! | [`hover_feedback`] | LQR and LQI of one rigid vehicle about hover |
 //! | [`state_feedback`] | optimal feedback for a drone with swinging loads |
 //! | `gimballed` | a drone on a cardan joint that pushes its carrier with a wanted force |
@@ -91,7 +90,6 @@ pub mod registry;
 pub mod six_axis;
 pub mod start;
 pub mod state_feedback;
-pub mod tracking;
 pub mod transport;
 pub mod vectored;
 pub mod velocity;

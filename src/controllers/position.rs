@@ -1,11 +1,14 @@
 //! Position level: position error → velocity command.
 
+use super::attitude::Orientation;
 use super::kinematics::Kinematics;
 use super::parameters::{BodyModel, GainSet};
 use super::reference::Setpoint;
-use super::velocity::VelocityCommand;
+use super::velocity::{VelocityCommand, desired_attitude};
 use crate::autodiff::{Scalar, safe};
-use crate::dynamics::spatial::{Vec3, add, hadamard, rotate, rotate_back, scale, sub};
+use crate::dynamics::spatial::{
+    Vec3, add, cross, from_matrix, hadamard, identity, mat_vec, rotate, rotate_back, scale, sub,
+};
 
 /// Floor under velocity gains the position level divides by, 1/s.
 const GAIN_FLOOR: f64 = 1e-9;
@@ -46,4 +49,24 @@ pub(crate) fn add_drag<S: Scalar>(
     sum.jerk = add(sum.jerk, rotate(q, hadamard(per_mass, rotate_back(q, derivatives[1]))));
     sum.snap = add(sum.snap, rotate(q, hadamard(per_mass, rotate_back(q, derivatives[2]))));
     sum
+}
+
+/// [T, M] that fly a reference without error, linear drag included.
+pub(crate) fn flat_wrench(body: &BodyModel<f64>, sample: &Setpoint<f64>) -> [f64; 4] {
+    let mut state = Kinematics { attitude: identity(), ..Kinematics::at_rest(sample.position) };
+    let mut wanted = Orientation::at_rest([[0.0; 3]; 3]);
+    let mut thrust = 0.0;
+    // drag depends on the attitude that it changes a little
+    for _ in 0..8 {
+        let derivatives = [sample.velocity, sample.acceleration, sample.jerk];
+        let command = add_drag(body, &state, derivatives, &VelocityCommand::along(sample));
+        let mut force = command.acceleration;
+        force[2] += body.gravity;
+        wanted = Orientation::of_series(desired_attitude(command.force_series(force), command.yaw_series()));
+        state.attitude = from_matrix(wanted.attitude);
+        thrust = body.mass * force.iter().map(|f| f * f).sum::<f64>().sqrt();
+    }
+    let w = wanted.angular_velocity;
+    let moment = add(mat_vec(body.inertia, wanted.angular_acceleration), cross(w, mat_vec(body.inertia, w)));
+    [thrust, moment[0], moment[1], moment[2]]
 }

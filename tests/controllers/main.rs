@@ -10,6 +10,7 @@ mod flight_log;
 #[allow(dead_code)]
 mod geometry;
 mod hover;
+mod indi;
 mod integral;
 mod linear;
 mod loop_model;
@@ -22,7 +23,6 @@ mod sensors;
 mod six_axis;
 mod structure;
 mod tilting;
-mod tracking;
 mod trim;
 mod tuning;
 mod tuning_through_allocation;

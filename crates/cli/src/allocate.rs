@@ -217,16 +217,16 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let mut page = Page::new();
     page.title(&subject.name, &headline(&subject, &answer));
     page.notes("warning", &subject.warnings, 3, "");
-    page.facts(&facts(&subject, &answer, a));
-    page.heading("Thrusts").table(&thrusts(&subject, &answer));
-    page.heading("Wrench").table(&wrenches(&answer));
+    page.facts(facts(&subject, &answer, a));
+    page.heading("Thrusts").table(thrusts(&subject, &answer));
+    page.heading("Wrench").table(wrenches(&answer));
     if a.gradient {
         gradient(&mut page, &subject, &answer);
     }
     if let Some(file) = &a.output.plot {
         page.line(format!("\nwritten {}", file.display()));
     }
-    Ok(Report::done(page.finish()))
+    Ok(Report::page(&page, true))
 }
 
 /// Below this share of the largest thrust nothing counts as missing.
@@ -305,16 +305,9 @@ fn facts(subject: &Subject, answer: &Answer, a: &Arguments) -> Vec<Fact> {
 }
 
 fn thrusts(subject: &Subject, answer: &Answer) -> Table {
-    let mut table = Table::new(&[
-        ("rotor", Align::Right),
-        ("name", Align::Left),
-        ("thrust [N]", Align::Right),
-        ("limit [N]", Align::Right),
-        ("share", Align::Right),
-        ("command", Align::Right),
-        ("state", Align::Left),
-        ("pseudo-inverse, clipped [N]", Align::Right),
-    ]);
+    let mut table = Table::new(
+        ">rotor | name | >thrust [N] | >limit [N] | >share | >command | state | >pseudo-inverse, clipped [N]",
+    );
     for (i, name) in subject.rotors.iter().enumerate() {
         let (u, limit) = (answer.solution.inputs[i], subject.problem.upper[i]);
         let share = if limit > 0.0 { format!("{} %", number(100.0 * u / limit, 0)) } else { "–".into() };
@@ -335,14 +328,7 @@ fn thrusts(subject: &Subject, answer: &Answer) -> Table {
 const UNITS: [&str; WRENCH] = ["N", "N", "N", "N m", "N m", "N m"];
 
 fn wrenches(answer: &Answer) -> Table {
-    let mut table = Table::new(&[
-        ("axis", Align::Left),
-        ("wanted", Align::Right),
-        ("delivered", Align::Right),
-        ("missing", Align::Right),
-        ("pseudo-inverse, clipped", Align::Right),
-        ("unit", Align::Left),
-    ]);
+    let mut table = Table::new("axis | >wanted | >delivered | >missing | >pseudo-inverse, clipped | unit");
     for (k, axis) in Axis::ALL.iter().enumerate() {
         let (want, got) = (answer.wanted[k], answer.delivered[k]);
         table.row([
@@ -364,9 +350,7 @@ fn tidy(v: f64) -> String {
 
 fn gradient(page: &mut Page, subject: &Subject, answer: &Answer) {
     let Some(at) = AllocationSensitivity::new(&subject.problem, &answer.wanted, &answer.solution) else { return };
-    let mut columns = vec![("rotor", Align::Right)];
-    columns.extend(Axis::ALL.iter().map(|axis| (axis.name(), Align::Right)));
-    let mut table = Table::new(&columns);
+    let mut table = Table::new(">rotor").with(Align::Right, Axis::ALL.iter().map(|axis| axis.name()));
     let answers: Vec<Vec<f64>> = (0..WRENCH)
         .map(|k| {
             let mut change = Variation::zero(&subject.problem);
@@ -378,7 +362,7 @@ fn gradient(page: &mut Page, subject: &Subject, answer: &Answer) {
         let row = answers.iter().map(|column| tidy(column[i]));
         table.row(std::iter::once(i.to_string()).chain(row));
     }
-    page.heading("Thrust per newton and newton metre wanted [N/N, N/(N m)]").table(&table);
+    page.heading("Thrust per newton and newton metre wanted [N/N, N/(N m)]").table(table);
     let side = if at.is_one_sided() { "one side of a change of limits" } else { "until the limits change" };
     page.line(format!("  holds for {side}; distance to the nearest change, scaled: {:.1e}", at.margin()));
 }

@@ -4,7 +4,7 @@
 use super::arguments::{self, OutputArguments};
 use super::environment::EnvArguments;
 use super::page::{Page, short};
-use super::table::{Align, Table};
+use super::table::Table;
 use super::{Report, files, progress};
 use omnidrones::autodiff::lane_width;
 use omnidrones::error::{Error, Result};
@@ -128,14 +128,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     }
     let mut page = Page::new();
     page.line(machine());
-    let mut table = Table::new(&[
-        ("what", Align::Left),
-        ("", Align::Left),
-        ("figure", Align::Right),
-        ("unit", Align::Left),
-        ("ratio", Align::Right),
-        ("against", Align::Left),
-    ]);
+    let mut table = Table::new("what |  | >figure | unit | >ratio | against");
     let mut group = "";
     for row in &rows {
         let first = if row.group == group { "" } else { row.group };
@@ -146,11 +139,11 @@ pub fn run(a: &Arguments) -> Result<Report> {
         };
         table.row([first, &row.name, &short(row.value, 4), row.unit, &ratio, against].map(str::to_string));
     }
-    page.table(&table);
+    page.table(table);
     for path in &written {
         page.line(format!("written {}", path.display()));
     }
-    Ok(Report::done(page.finish()))
+    Ok(Report::page(&page, true))
 }
 
 /// Steps of a task's environments.

@@ -2,16 +2,16 @@
 
 use super::arguments::{self, OutputArguments, ThreadArguments};
 use super::page::{Page, short};
-use super::table::{Align, Table};
+use super::table::Table;
 use super::{Report, files, progress};
 use omnidrones::controllers::registry::REGISTRY;
-use omnidrones::controllers::tracking::{
-    ACCELERATIONS, COUNTED, PUBLISHED_OVER_ALL, SPEEDS, Tracking, TrackingCondition, TrackingFlight, TrackingRow,
-    physics, quadrotor,
-};
 use omnidrones::dynamics::Plant;
 use omnidrones::error::{Error, Result};
 use omnidrones_plot::{Figure, HeatMap};
+use omnidrones_studies::tracking::{
+    ACCELERATIONS, COUNTED, PUBLISHED_OVER_ALL, SPEEDS, Tracking, TrackingCondition, TrackingFlight, TrackingRow,
+    physics, quadrotor,
+};
 use serde_json::{Value, json};
 use std::path::PathBuf;
 
@@ -99,7 +99,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
         });
         return Ok(Report::json(&value, true));
     }
-    Ok(Report::done(page(&benchmark, &rows, &written)))
+    Ok(Report::page(&page(&benchmark, &rows, &written), true))
 }
 
 /// Those asked for, or all that fly a rigid vehicle.
@@ -129,17 +129,10 @@ fn told(row: &TrackingRow) -> Value {
     })
 }
 
-fn page(benchmark: &Tracking, rows: &[TrackingRow], written: &[PathBuf]) -> String {
+fn page(benchmark: &Tracking, rows: &[TrackingRow], written: &[PathBuf]) -> Page {
     let mut page = Page::new();
     let (n, n_feasible) = (benchmark.cells().len(), benchmark.cells().iter().filter(|(_, feasible)| *feasible).count());
     page.title("tracking", &format!("{n} ellipses, {n_feasible} of them feasible"));
-    let headers = [
-        ("controller", Align::Left),
-        ("feasible [m]", Align::Right),
-        ("all [m]", Align::Right),
-        ("crashed", Align::Right),
-        ("of feasible", Align::Right),
-    ];
     for group in rows.chunk_by(|a, b| a.condition == b.condition) {
         let condition = group[0].condition;
         let published = condition.published().map(|m| m.map(|m| format!("{} m", short(m, 3))));
@@ -151,7 +144,7 @@ fn page(benchmark: &Tracking, rows: &[TrackingRow], written: &[PathBuf]) -> Stri
         if condition == TrackingCondition::Nominal {
             beside += &format!("; all: {} m without INDI", short(PUBLISHED_OVER_ALL, 2));
         }
-        let mut table = Table::new(&headers);
+        let mut table = Table::new("controller | >feasible [m] | >all [m] | >crashed | >of feasible");
         for row in group {
             let counted = |(crashed, n): (usize, usize)| format!("{crashed} of {n}");
             let metres = |mean: Option<f64>| mean.map_or_else(|| "–".into(), |m| short(m, 3));
@@ -163,14 +156,14 @@ fn page(benchmark: &Tracking, rows: &[TrackingRow], written: &[PathBuf]) -> Stri
                 counted(row.crashes(feasible)),
             ]);
         }
-        page.heading(condition.name()).table(&table);
+        page.heading(condition.name()).table(table);
         page.line(format!("  {beside}"));
     }
     page.line(format!("\n  errors over {COUNTED} s, of flights that did not crash"));
     for path in written {
         page.line(format!("written {}", path.display()));
     }
-    page.finish()
+    page
 }
 
 /// Error over acceleration and speed on the nominal plant, a map per controller.

@@ -9,7 +9,7 @@ use super::arguments::{FlightArguments, PlotArguments, VehicleArguments, WRITTEN
 use super::page::{Fact, Page, short};
 use super::plant_box::{self, PlantArguments};
 use super::source::{self, Source};
-use super::table::{Align, Table};
+use super::table::Table;
 use super::{Report, files, progress};
 use nalgebra::Complex;
 use omnidrones::controllers::cascade::Rates;
@@ -158,13 +158,8 @@ pub fn run(a: &Arguments) -> Result<Report> {
     if let Some(plants) = &plants {
         plant_box::tell(&mut page, plants);
     }
-    if !written.is_empty() {
-        page.heading("Written");
-        for file in &written {
-            page.line(format!("  {}", file.display()));
-        }
-    }
-    Ok(Report { text: page.finish(), success: stable })
+    page.written(&written);
+    Ok(Report::page(&page, stable))
 }
 
 /// Whether a loop never came to rest, so that there is nothing to linearise.
@@ -182,7 +177,7 @@ fn unsettled(source: &Source, gains: &str, error: &Error, as_json: bool) -> Repo
     let mut page = Page::new();
     page.title(&source.vehicle.name, &source.origin);
     page.line(format!("\nFAILED: {error}"));
-    Report { text: page.finish(), success: false }
+    Report::page(&page, false)
 }
 
 /// Refuses a report that cannot be written, before any work.
@@ -284,12 +279,12 @@ fn margins(model: &LoopModel, quiet: bool) -> Result<Vec<(String, LoopMargins)>>
 }
 
 fn tell(page: &mut Page, gains: &str, a: &Arguments, found: &Findings, stable: bool) {
-    page.heading("Steady flight").facts(&trim_facts(a, found));
-    page.heading("Modes of the vehicle alone").table(&modes_table(&found.modes, &found.plant));
+    page.heading("Steady flight").facts(trim_facts(a, found));
+    page.heading("Modes of the vehicle alone").table(modes_table(&found.modes, &found.plant));
     page.line(format!("  {}", reach(&found.hidden, &found.plant)));
-    page.heading("Control loop").facts(&loop_facts(gains, a, found, stable));
+    page.heading("Control loop").facts(loop_facts(gains, a, found, stable));
     if stable {
-        page.heading("Margins").table(&margins_table(found));
+        page.heading("Margins").table(margins_table(found));
         page.line(format!("  Searched up to factors of 100 and delays of {} steps.", LoopModel::MOST_DELAY));
     } else {
         page.line(failed(&found.stability));
@@ -384,15 +379,7 @@ fn loop_facts(gains: &str, a: &Arguments, found: &Findings, stable: bool) -> Vec
 
 /// What the loop bears, broken at one point.
 fn margins_table(found: &Findings) -> Table {
-    let mut table = Table::new(&[
-        ("broken at", Align::Left),
-        ("gain down", Align::Right),
-        ("gain up", Align::Right),
-        ("phase [°]", Align::Right),
-        ("delay [ms]", Align::Right),
-        ("disk", Align::Right),
-        ("at [rad/s]", Align::Right),
-    ]);
+    let mut table = Table::new("broken at | >gain down | >gain up | >phase [°] | >delay [ms] | >disk | >at [rad/s]");
     let longest = LoopModel::MOST_DELAY as f64 * found.model.dt * 1e3;
     for (name, m) in &found.rows {
         table.row([
@@ -418,13 +405,7 @@ pub fn tidy(value: f64) -> f64 {
 
 /// Rate, frequency, damping and time constant of each mode, and the states that take part most.
 pub fn modes_table(modes: &[Mode], plant: &StateSpace) -> Table {
-    let mut table = Table::new(&[
-        ("rate [1/s]", Align::Right),
-        ("frequency [rad/s]", Align::Right),
-        ("damping", Align::Right),
-        ("time constant [s]", Align::Right),
-        ("of", Align::Left),
-    ]);
+    let mut table = Table::new(">rate [1/s] | >frequency [rad/s] | >damping | >time constant [s] | of");
     for mode in modes {
         let names: Vec<&str> = mode.states.iter().take(3).map(|(i, _)| plant.states()[*i].name.as_str()).collect();
         let rate = if mode.rate.im.abs() > 1e-9 {

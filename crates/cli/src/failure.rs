@@ -1,7 +1,7 @@
 //! Rotors that fail: how they are named, what they leave, as facts, tables and JSON.
 
 use super::page::{Fact, Page, duration, length, short};
-use super::table::{Align, Table, number};
+use super::table::{Table, number};
 use clap::Args;
 use omnidrones::controllers::allocation::WrenchMargin;
 use omnidrones::controllers::allocation::failure::{LEAST_MARGIN, health};
@@ -157,7 +157,7 @@ impl Story {
             Fact::new("yaw rate", format!("{} rad/s", short(self.yaw_rate, 3)))
                 .note(format!("at most; {turns} turns per second")),
         );
-        page.heading("Failure").facts(&facts);
+        page.heading("Failure").facts(facts);
     }
 
     /// For JSON.
@@ -232,14 +232,8 @@ fn signed(v: f64) -> String {
 pub fn sheet(page: &mut Page, vehicle: &Vehicle) -> Result<()> {
     let table = FailureTable::of(vehicle)?;
     let weight = vehicle.mass_properties().mass * GRAVITY;
-    let mut rows = Table::new(&[
-        ("lost", Align::Left),
-        ("what is left", Align::Left),
-        ("margin [N]", Align::Right),
-        ("without yaw [N]", Align::Right),
-        ("most lift / weight", Align::Right),
-        ("nearest limit", Align::Left),
-    ]);
+    let mut rows =
+        Table::new("lost | what is left | >margin [N] | >without yaw [N] | >most lift / weight | nearest limit");
     let mut row = |name: String, a: &Assessment| {
         let deciding = if a.spin.is_some() || a.capability == Capability::None { &a.without_yaw } else { &a.steered };
         rows.row([
@@ -255,7 +249,7 @@ pub fn sheet(page: &mut Page, vehicle: &Vehicle) -> Result<()> {
     for (rotor, a) in vehicle.rotors.iter().zip(&table.single) {
         row(rotor.name.clone(), a);
     }
-    page.heading("When a rotor is lost").table(&rows);
+    page.heading("When a rotor is lost").table(rows);
     for capability in Capability::ALL {
         let pairs: Vec<String> = (table.double.iter().filter(|a| a.capability == capability))
             .map(|a| a.broken().iter().map(usize::to_string).collect::<Vec<_>>().join("+"))

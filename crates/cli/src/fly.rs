@@ -552,8 +552,5 @@ fn flown(a: &Arguments, flyer: Flyer) -> Result<Report> {
         files::replace(&path, result.replay())?;
         result.written.push(path);
     }
-    if a.output.json {
-        return Ok(Report::json(&result.json(&verdict), verdict.is_ok()));
-    }
-    Ok(Report { success: verdict.is_ok(), text: result.page(&verdict) })
+    Ok(Report::told(a.output.json, verdict.is_ok(), || result.json(&verdict), || result.page(&verdict)))
 }

@@ -1,6 +1,7 @@
-//! A page for a browser or a printer: one file that asks no other file for anything, and has no scripts but those of pages within.
+//! A page for a browser or a printer, one file that asks no other file for anything and has no scripts but those of pages within; and
+//! a page as Markdown.
 
-use super::page::{Fact, shown};
+use super::page::{Block, Fact, Page, shown};
 use super::table::{Align, Table};
 use std::fmt::Write;
 
@@ -15,99 +16,103 @@ h3{font-size:1em;margin:1.2em 0 .3em}pre{background:#f6f8fa;padding:.6em .9em;ov
 iframe{display:block;width:100%;height:560px;border:1px solid #dee2e6;border-radius:6px}\
 @media print{body{margin:0;max-width:none;font-size:11px}table,figure{break-inside:avoid}h2{break-after:avoid}iframe{display:none}}";
 
-/// A page that is filled from above.
-pub struct Html {
-    title: String,
-    body: String,
+/// A page as a file for a browser; its first title is that of the file.
+pub fn html(page: &Page) -> String {
+    let (mut body, mut title) = (String::new(), String::new());
+    for block in &page.blocks {
+        let _ = match block {
+            Block::Title(name, remark) => {
+                title = escaped(name);
+                writeln!(body, "<h1>{title}</h1>\n<p class=\"remark\">{}</p>", escaped(remark))
+            }
+            Block::Heading(name) => writeln!(body, "<h2>{}</h2>", escaped(name)),
+            Block::Subheading(name) => writeln!(body, "<h3>{}</h3>", escaped(name)),
+            // indented as text
+            Block::Line(text) => writeln!(body, "<p>{}</p>", escaped(text.trim())),
+            Block::Notes(word, texts) => {
+                texts.iter().try_for_each(|text| writeln!(body, "<p>{} {}</p>", escaped(word), escaped(text)))
+            }
+            Block::Facts(facts) => writeln!(body, "<table>\n{}</table>", facts.iter().map(fact).collect::<String>()),
+            Block::Table(own) => table(&mut body, own),
+            Block::Figure(svg, _) => writeln!(body, "<figure>{}</figure>", svg.trim()),
+            Block::Folded(summary, text) => {
+                let text: String = text.lines().map(|line| escaped(line) + "\n").collect();
+                writeln!(body, "<details><summary>{}</summary><pre>{text}</pre></details>", escaped(summary))
+            }
+            Block::Within(title, page) => {
+                let (title, page) = (escaped(title), page.replace('&', "&amp;").replace('"', "&quot;"));
+                let allowed = "sandbox=\"allow-scripts\" allow=\"fullscreen\" loading=\"lazy\"";
+                writeln!(body, "<iframe {allowed} title=\"{title}\" srcdoc=\"{page}\"></iframe>")
+            }
+        };
+    }
+    format!(
+        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+         <meta name=\"viewport\" content=\"width=device-width\">\n<title>{title}</title>\n<style>{STYLE}</style>\n</head>\n\
+         <body>\n{body}</body>\n</html>\n"
+    )
 }
 
-impl Html {
-    /// With a title, and a remark below it.
-    pub fn new(title: &str, remark: &str) -> Self {
-        let (title, remark) = (escaped(title), escaped(remark));
-        Self { body: format!("<h1>{title}</h1>\n<p class=\"remark\">{remark}</p>\n"), title }
-    }
+fn fact(fact: &Fact) -> String {
+    let [name, value, note] = fact.parts().map(escaped);
+    format!("<tr><td>{name}</td><td>{value}</td><td class=\"note\">{note}</td></tr>\n")
+}
 
-    /// A heading.
-    pub fn heading(&mut self, name: &str) -> &mut Self {
-        let _ = writeln!(self.body, "<h2>{}</h2>", escaped(name));
-        self
-    }
-
-    /// A paragraph.
-    pub fn line(&mut self, text: &str) -> &mut Self {
-        let _ = writeln!(self.body, "<p>{}</p>", escaped(text));
-        self
-    }
-
-    /// Names, values and remarks in three columns.
-    pub fn facts(&mut self, facts: &[Fact]) -> &mut Self {
-        self.body += "<table>\n";
-        for fact in facts {
-            let [name, value, note] = fact.parts().map(escaped);
-            let _ = writeln!(self.body, "<tr><td>{name}</td><td>{value}</td><td class=\"note\">{note}</td></tr>");
-        }
-        self.body += "</table>\n";
-        self
-    }
-
-    /// A table.
-    pub fn table(&mut self, table: &Table) -> &mut Self {
+fn table(body: &mut String, table: &Table) -> std::fmt::Result {
+    let row = |kind: &str, cells: &mut dyn Iterator<Item = &String>| {
         let class = |align: Align| if align == Align::Right { " class=\"r\"" } else { "" };
-        self.body += "<div class=\"wide\"><table>\n<tr>";
-        for (name, align) in table.columns() {
-            let _ = write!(self.body, "<th{}>{}</th>", class(*align), escaped(name));
+        let cell = |(cell, (_, align)): (&String, &(String, Align))| {
+            format!("<{kind}{}>{}</{kind}>", class(*align), escaped(cell))
+        };
+        format!("<tr>{}</tr>\n", cells.zip(table.columns()).map(cell).collect::<String>())
+    };
+    let head = row("th", &mut table.columns().iter().map(|(name, _)| name));
+    let rows: String = table.rows().iter().map(|cells| row("td", &mut cells.iter())).collect();
+    writeln!(body, "<div class=\"wide\"><table>\n{head}{rows}</table></div>")
+}
+
+/// A page as Markdown, whose drawings are files beside it.
+pub fn markdown(page: &Page) -> String {
+    let (mut text, mut title) = (String::new(), String::new());
+    for block in &page.blocks {
+        if !text.is_empty() {
+            text.push('\n');
         }
-        self.body += "</tr>\n";
-        for row in table.rows() {
-            self.body += "<tr>";
-            for (cell, (_, align)) in row.iter().zip(table.columns()) {
-                let _ = write!(self.body, "<td{}>{}</td>", class(*align), escaped(cell));
+        let _ = match block {
+            Block::Title(name, remark) => {
+                title = plain(name);
+                writeln!(text, "# {title}\n\n{}", plain(remark))
             }
-            self.body += "</tr>\n";
-        }
-        self.body += "</table></div>\n";
-        self
+            Block::Heading(name) => writeln!(text, "## {}", plain(name)),
+            Block::Subheading(name) => writeln!(text, "### {}", plain(name)),
+            Block::Line(line) => writeln!(text, "{}", plain(line.trim())),
+            Block::Notes(word, texts) => {
+                texts.iter().try_for_each(|line| writeln!(text, "- {} {}", plain(word), plain(line)))
+            }
+            Block::Facts(facts) => facts.iter().map(Fact::parts).try_for_each(|[name, value, note]| {
+                writeln!(text, "- {}: {} {}", plain(name), plain(value), plain(note))
+            }),
+            Block::Table(own) => bars(&mut text, own),
+            Block::Figure(_, file) => writeln!(text, "![{title}]({file})"),
+            // for a browser alone
+            Block::Folded(..) | Block::Within(..) => Ok(()),
+        };
     }
+    text
+}
 
-    /// A drawing: an SVG document as [`Figure::svg`](omnidrones_plot::Figure::svg) makes it, which escapes its own texts.
-    pub fn figure(&mut self, svg: &str) -> &mut Self {
-        let _ = writeln!(self.body, "<figure>{}</figure>", svg.trim());
-        self
-    }
+fn bars(text: &mut String, table: &Table) -> std::fmt::Result {
+    let line = |cells: Vec<String>| format!("| {} |\n", cells.join(" | "));
+    let rule = |align: &Align| if *align == Align::Right { "--:" } else { "---" };
+    *text += &line(table.columns().iter().map(|(name, _)| plain(name)).collect());
+    *text += &line(table.columns().iter().map(|(_, align)| rule(align).into()).collect());
+    table.rows().iter().for_each(|row| *text += &line(row.iter().map(|cell| plain(cell)).collect()));
+    Ok(())
+}
 
-    /// A heading of less weight.
-    pub fn subheading(&mut self, name: &str) -> &mut Self {
-        let _ = writeln!(self.body, "<h3>{}</h3>", escaped(name));
-        self
-    }
-
-    /// A text of a file as it is, folded away behind a word.
-    pub fn folded(&mut self, summary: &str, text: &str) -> &mut Self {
-        let text: String = text.lines().map(|line| escaped(line) + "\n").collect();
-        let _ = writeln!(self.body, "<details><summary>{}</summary><pre>{text}</pre></details>", escaped(summary));
-        self
-    }
-
-    /// Another whole page within this one, whose scripts see nothing of it.
-    pub fn within(&mut self, title: &str, page: &str) -> &mut Self {
-        let (title, page) = (escaped(title), page.replace('&', "&amp;").replace('"', "&quot;"));
-        let _ = writeln!(
-            self.body,
-            "<iframe sandbox=\"allow-scripts\" allow=\"fullscreen\" loading=\"lazy\" title=\"{title}\" srcdoc=\"{page}\"></iframe>"
-        );
-        self
-    }
-
-    /// The whole file.
-    pub fn finish(&self) -> String {
-        format!(
-            "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
-             <meta name=\"viewport\" content=\"width=device-width\">\n<title>{}</title>\n<style>{STYLE}</style>\n</head>\n\
-             <body>\n{}</body>\n</html>\n",
-            self.title, self.body
-        )
-    }
+/// Without what Markdown would read as more than text.
+fn plain(text: &str) -> String {
+    shown(text).replace('|', "\\|").replace('<', "&lt;")
 }
 
 /// A text in which a browser finds no marks: names come from files of anybody.
@@ -133,21 +138,20 @@ mod tests {
     #[test]
     fn no_text_is_a_mark() {
         let evil = "<script>&\"'";
-        let mut table = Table::new(&[(evil, Align::Left), ("b", Align::Right)]);
-        table.row([evil, "2"]);
-        let mut page = Html::new(evil, evil);
-        page.heading(evil).line(evil).facts(&[Fact::new(evil, evil).note(evil)]).table(&table);
+        let table = Table::new(&format!("{evil} | >b")).filled([[evil, "2"]]);
+        let mut page = Page::new();
+        page.title(evil, evil).heading(evil).line(evil).facts(vec![Fact::new(evil, evil).note(evil)]).table(table);
         page.subheading(evil).folded(evil, evil);
-        let text = page.finish();
+        let text = html(&page);
         assert!(!text.contains("<script") && text.matches("&lt;script&gt;&amp;&quot;&#39;").count() == 13, "{text}");
         assert!(text.contains("<td class=\"r\">2</td>"));
     }
 
     #[test]
     fn a_page_within_ends_where_it_ends_and_stands_in_a_sandbox() {
-        let mut page = Html::new("a", "b");
-        page.within("c", "<p title=\"x\">&amp;</p>\"><script>out</script>");
-        let text = page.finish();
+        let mut page = Page::new();
+        page.title("a", "b").within("c", "<p title=\"x\">&amp;</p>\"><script>out</script>".into());
+        let text = html(&page);
         let (_, rest) = text.split_once("srcdoc=\"").unwrap();
         let (within, after) = rest.split_once('"').unwrap();
         assert_eq!(
@@ -155,5 +159,20 @@ mod tests {
             "<p title=\"x\">&amp;</p>\"><script>out</script>"
         );
         assert!(after.starts_with("></iframe>") && text.contains("sandbox=\"allow-scripts\""));
+    }
+
+    #[test]
+    fn both_writings_hold_every_part_and_neither_takes_text_for_marks() {
+        let table = Table::new("task | >success").filled([["a|b", "<1 %"]]);
+        let mut page = Page::new();
+        page.title("Title", "remark").heading("Part").line("A line.").table(table);
+        page.blocks.push(Block::Figure("<svg></svg>".into(), "curves.svg".into()));
+        assert_eq!(
+            markdown(&page),
+            "# Title\n\nremark\n\n## Part\n\nA line.\n\n| task | success |\n| --- | --: |\n| a\\|b | &lt;1 % |\n\n![Title](curves.svg)\n"
+        );
+        for part in ["<h1>Title</h1>", "<h2>Part</h2>", "<p>A line.</p>", "&lt;1 %", "<svg></svg>"] {
+            assert!(html(&page).contains(part), "{part}: {}", html(&page));
+        }
     }
 }

@@ -93,7 +93,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
         });
         return Ok(Report::json(&value, true));
     }
-    Ok(Report::done(page(a, &imported, &written)))
+    Ok(Report::page(&page(a, &imported, &written), true))
 }
 
 /// Imports with the rotor data there are, else with a draft that is written first.
@@ -149,7 +149,7 @@ fn draft_path(urdf: &Path, out: Option<&Path>) -> PathBuf {
     }
 }
 
-fn page(a: &Arguments, imported: &Imported, written: &[PathBuf]) -> String {
+fn page(a: &Arguments, imported: &Imported, written: &[PathBuf]) -> Page {
     let Import { vehicle, warnings, assumptions } = &imported.import;
     let mut page = Page::new();
     let how = if imported.drafted { "a DRAFT of its rotors, " } else { "" };
@@ -157,23 +157,18 @@ fn page(a: &Arguments, imported: &Imported, written: &[PathBuf]) -> String {
     if !vehicle.source.is_empty() {
         page.line(format!("  rotor data from: {}", vehicle.source));
     }
-    page.line("").facts(&sheet::key_facts(vehicle));
-    page.heading("Bodies, merged into one").table(&sheet::parts(vehicle));
+    page.line("").facts(sheet::key_facts(vehicle));
+    page.heading("Bodies, merged into one").table(sheet::parts(vehicle));
     sheet::rotors(&mut page, vehicle);
     let gains = gains(vehicle);
-    page.heading("Gains").table(&sheet::gains_table(vehicle, &[gains]));
+    page.heading("Gains").table(sheet::gains_table(vehicle, &[gains]));
     let texts: Vec<String> = warnings.iter().map(ToString::to_string).chain(source::verdicts(vehicle)).collect();
     list(&mut page, "Odd in the file", "nothing", &texts);
     list(&mut page, "Assumed, not read", "nothing", assumptions);
-    if !written.is_empty() {
-        page.heading("Written");
-        for path in written {
-            page.line(format!("  {}", path.display()));
-        }
-    }
+    page.written(written);
     page.line("");
     page.line(last(imported, &fly(a, imported)));
-    page.finish()
+    page
 }
 
 /// What to do with it now: `fly` it, or first mend what keeps it from that.

@@ -19,8 +19,9 @@
 //! | `sheet.rs` | a vehicle's numbers as tables and JSON |
 //! | `failure.rs` | rotors that fail: arguments, what is left |
 //! | `files.rs` | reading and writing behind fences |
-//! | `page.rs`, `table.rs`, `progress.rs` | what a terminal shows |
-//! | `html.rs` | a page for a browser |
+//! | `page.rs`, `table.rs` | what a command tells: headings, facts, tables, drawings; as text |
+//! | `html.rs` | the same for a browser, and as Markdown |
+//! | `progress.rs` | bars while work goes on |
 //! | `npz.rs`, `trajectories.rs` | logs for other programs |
 //!
 //! A command returns its whole [`Report`] before a line is printed: a broken pipe or a full disk then meets one write.
@@ -74,8 +75,10 @@ mod tune_grid;
 mod view;
 mod watch;
 
+use self::page::Page;
 use clap::error::{ContextKind, ContextValue};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
+use serde_json::{Value, json};
 use std::ffi::OsString;
 use std::io::{ErrorKind, IsTerminal, Write};
 use std::process::ExitCode;
@@ -95,8 +98,18 @@ impl Report {
     }
 
     /// `value` as JSON, readable by people too.
-    pub fn json(value: &serde_json::Value, success: bool) -> Self {
+    pub fn json(value: &Value, success: bool) -> Self {
         Self { text: format!("{value:#}\n"), success }
+    }
+
+    /// A page.
+    pub fn page(page: &Page, success: bool) -> Self {
+        Self { text: page.text(), success }
+    }
+
+    /// JSON where that is asked for, else a page.
+    fn told(as_json: bool, success: bool, json: impl FnOnce() -> Value, page: impl FnOnce() -> Page) -> Self {
+        if as_json { Self::json(&json(), success) } else { Self::page(&page(), success) }
     }
 }
 
@@ -318,7 +331,7 @@ fn fail(message: &str) -> ExitCode {
     let message = page::shown(message);
     let _ = writeln!(std::io::stderr(), "error: {message}");
     if asked_for_json() {
-        let _ = writeln!(std::io::stdout(), "{:#}", serde_json::json!({ "format": 1, "error": message }));
+        let _ = writeln!(std::io::stdout(), "{:#}", json!({ "format": 1, "error": message }));
     }
     ExitCode::from(2)
 }

@@ -171,9 +171,9 @@ pub fn run(a: &Arguments) -> Result<Report> {
         if a.continuous { "dx/dt about a steady flight" } else { "one step about a steady flight" },
     );
     page.notes("warning", &warnings(a, &plant), 3, "");
-    page.heading("Steady flight").facts(&steady(&plant, &found));
+    page.heading("Steady flight").facts(steady(&plant, &found));
     let of_all = |n: usize| format!("{n} of {} directions", model.n_state());
-    page.heading("Linear model").facts(&[
+    page.heading("Linear model").facts(vec![
         Fact::new("states", model.n_state().to_string()).note("of the error: a rotation counts three"),
         Fact::new("inputs", model.n_input().to_string()),
         Fact::new("step", model.dt().map_or("continuous".into(), |dt| format!("{} ms", short(1e3 * dt, 3)))),
@@ -183,11 +183,9 @@ pub fn run(a: &Arguments) -> Result<Report> {
     if !hidden.directions.is_empty() {
         page.line(format!("  {}", reach(&hidden, &model)));
     }
-    page.heading("Modes").table(&modes_table(&modes, &model));
-    if let Some(file) = &a.save {
-        page.heading("Written").line(format!("  {}", file.display()));
-    }
-    Ok(Report::done(page.finish()))
+    page.heading("Modes").table(modes_table(&modes, &model));
+    page.written(a.save.as_slice());
+    Ok(Report::page(&page, true))
 }
 
 /// What keeps the vehicle from being steered; of one that lost a rotor its steady flight has been told.

@@ -3,7 +3,7 @@
 use super::arguments::VehicleArguments;
 use super::page::{Fact, Page, short};
 use super::sheet::{self, KeyFigures};
-use super::table::{Align, Table, number};
+use super::table::{Table, number};
 use super::{Report, failure, files, source};
 use omnidrones::dynamics::{urdf, vehicles};
 use omnidrones::error::Result;
@@ -69,7 +69,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
             files::write_new(path, &text, a.force)?;
             page.line(format!("written {}", path.display()));
         }
-        return Ok(Report::done(page.finish()));
+        return Ok(Report::page(&page, true));
     }
     if a.json {
         let mut value = sheet::json(vehicle)?;
@@ -85,12 +85,12 @@ pub fn run(a: &Arguments) -> Result<Report> {
         sets.insert(0, ("published (used)", gains));
     }
     failure::sheet(&mut page, vehicle)?;
-    page.heading("Gains").table(&sheet::gains_table(vehicle, &sets));
+    page.heading("Gains").table(sheet::gains_table(vehicle, &sets));
     page.line(format!(
         "  bandwidth and damping without motor lag; the motors carry up to {} rad/s in attitude",
         short(vehicle.bandwidth_limit(), 3)
     ));
-    Ok(Report::done(page.finish()))
+    Ok(Report::page(&page, true))
 }
 
 fn list(as_json: bool) -> Result<Report> {
@@ -104,14 +104,8 @@ fn list(as_json: bool) -> Result<Report> {
         let rows: Vec<_> = vehicles::REGISTRY.iter().map(row).collect();
         return Ok(Report::json(&json!({ "command": "models", "models": rows }), true));
     }
-    let mut table = Table::new(&[
-        ("name", Align::Left),
-        ("rotors", Align::Right),
-        ("mass [kg]", Align::Right),
-        ("thrust / weight", Align::Right),
-        ("hover command", Align::Right),
-        ("motor lag up / down [ms]", Align::Right),
-    ]);
+    let mut table =
+        Table::new("name | >rotors | >mass [kg] | >thrust / weight | >hover command | >motor lag up / down [ms]");
     let mut stories = Vec::new();
     for entry in vehicles::REGISTRY {
         let vehicle = (entry.build)();
@@ -128,7 +122,7 @@ fn list(as_json: bool) -> Result<Report> {
         stories.push(Fact::new("", format!("numbers from: {}", vehicle.source)));
     }
     let mut page = Page::new();
-    page.table(&table).line("").facts(&stories);
+    page.table(table).line("").facts(stories);
     page.line("\nomnidrones models NAME prints one of them in full, omnidrones fly NAME flies it.");
-    Ok(Report::done(page.finish()))
+    Ok(Report::page(&page, true))
 }

@@ -120,7 +120,7 @@ pub fn value(runs: &[Outcome], failed: &[Failure]) -> Value {
 
 #[cfg(test)]
 mod tests {
-    use super::super::rollout_files::percent;
+    use super::super::page::percent;
     use super::*;
 
     #[test]

@@ -1,13 +1,36 @@
-//! A page of text: headings, facts, tables, notes. Bold and dim on a terminal only, never with `NO_COLOR`.
+//! What a command tells: headings, facts, tables, notes, drawings; written as text here, by [`html`](super::html) for a browser.
 
 use super::table::Table;
 use std::fmt::Write;
 use std::io::IsTerminal;
+use std::path::PathBuf;
 
-/// What a command prints.
+/// A part of a page.
+pub enum Block {
+    /// A title, with a remark beside it.
+    Title(String, String),
+    Heading(String),
+    /// A heading of less weight.
+    Subheading(String),
+    /// A line, or a paragraph.
+    Line(String),
+    /// Names, values and remarks in three columns.
+    Facts(Vec<Fact>),
+    Table(Table),
+    /// A word before each line, which a terminal may colour.
+    Notes(String, Vec<String>),
+    /// A drawing as an SVG document, and the name of the file beside a text that holds it.
+    Figure(String, String),
+    /// A text of a file as it is, folded away behind a word.
+    Folded(String, String),
+    /// Another whole page within this one, whose scripts see nothing of it.
+    Within(String, String),
+}
+
+/// Its parts from above.
+#[derive(Default)]
 pub struct Page {
-    text: String,
-    styled: bool,
+    pub blocks: Vec<Block>,
 }
 
 /// One line of a list of facts: name, value, unit, remark.
@@ -45,73 +68,127 @@ pub fn plain_facts(facts: &[Fact]) -> Vec<[String; 2]> {
 }
 
 impl Page {
-    /// An empty page for standard output.
+    /// An empty page.
     pub fn new() -> Self {
-        let plain = std::env::var_os("NO_COLOR").is_some_and(|v| !v.is_empty())
-            || std::env::var_os("TERM").is_some_and(|v| v == "dumb");
-        Self { text: String::new(), styled: std::io::stdout().is_terminal() && !plain }
+        Self::default()
+    }
+
+    fn push(&mut self, block: Block) -> &mut Self {
+        self.blocks.push(block);
+        self
     }
 
     /// A title, with a remark beside it.
     pub fn title(&mut self, name: &str, remark: &str) -> &mut Self {
-        let (on, off) = self.code("1");
-        let (name, remark) = (shown(name), shown(remark));
-        let _ = writeln!(self.text, "{on}{name}{off}{}{remark}", if remark.is_empty() { "" } else { " · " });
-        self
+        self.push(Block::Title(name.into(), remark.into()))
     }
 
-    /// A heading with a blank line above.
+    /// A heading.
     pub fn heading(&mut self, name: &str) -> &mut Self {
-        let (on, off) = self.code("1");
-        let _ = writeln!(self.text, "\n{on}{name}{off}");
-        self
+        self.push(Block::Heading(name.into()))
+    }
+
+    /// A heading of less weight.
+    pub fn subheading(&mut self, name: &str) -> &mut Self {
+        self.push(Block::Subheading(name.into()))
     }
 
     /// One line.
-    pub fn line(&mut self, text: impl AsRef<str>) -> &mut Self {
-        let _ = writeln!(self.text, "{}", shown(text.as_ref()));
+    pub fn line(&mut self, text: impl Into<String>) -> &mut Self {
+        self.push(Block::Line(text.into()))
+    }
+
+    /// Lines below a heading, if there are any.
+    pub fn lines<S: Into<String>>(&mut self, heading: &str, texts: impl IntoIterator<Item = S>) -> &mut Self {
+        let mut texts = texts.into_iter().peekable();
+        if texts.peek().is_some() {
+            self.heading(heading);
+        }
+        self.blocks.extend(texts.map(|text| Block::Line(format!("  {}", text.into()))));
         self
+    }
+
+    /// Which files were written, if any were.
+    pub fn written(&mut self, files: &[PathBuf]) -> &mut Self {
+        self.lines("Written", files.iter().map(|file| file.display().to_string()))
     }
 
     /// Names, values and remarks in three aligned columns.
-    pub fn facts(&mut self, facts: &[Fact]) -> &mut Self {
-        let width = |text: fn(&Fact) -> &str| facts.iter().map(|f| text(f).chars().count()).max().unwrap_or(0);
-        let (names, values) = (width(|f| &f.name), width(|f| &f.value));
-        let (on, off) = self.code("2");
-        for fact in facts {
-            let line = format!("  {:<names$}  {:<values$}", shown(&fact.name), shown(&fact.value));
-            let note = if fact.note.is_empty() { String::new() } else { format!("   {on}{}{off}", shown(&fact.note)) };
-            let _ = writeln!(self.text, "{}{note}", if note.is_empty() { line.trim_end() } else { &line });
-        }
-        self
+    pub fn facts(&mut self, facts: Vec<Fact>) -> &mut Self {
+        self.push(Block::Facts(facts))
     }
 
     /// A table.
-    pub fn table(&mut self, table: &Table) -> &mut Self {
-        self.text += &table.render(self.styled);
-        self
+    pub fn table(&mut self, table: Table) -> &mut Self {
+        self.push(Block::Table(table))
     }
 
     /// `word: text` for each text, at most `most` of them, then how many more there are.
     pub fn notes(&mut self, word: &str, texts: &[String], most: usize, more: &str) -> &mut Self {
-        let (on, off) = self.code("33");
-        for text in texts.iter().take(most) {
-            let _ = writeln!(self.text, "  {on}{word}{off} {}", shown(text));
-        }
-        if texts.len() > most {
-            let _ = writeln!(self.text, "  {on}{word}{off} … and {} more: {more}", texts.len() - most);
-        }
-        self
+        let rest = texts.len().saturating_sub(most);
+        let rest = (rest > 0).then(|| format!("… and {rest} more: {more}"));
+        self.push(Block::Notes(word.into(), texts.iter().take(most).cloned().chain(rest).collect()))
     }
 
-    /// The text.
-    pub fn finish(self) -> String {
-        self.text
+    /// A drawing: an SVG document as [`Figure::svg`](omnidrones_plot::Figure::svg) makes it.
+    pub fn figure(&mut self, svg: String) -> &mut Self {
+        self.push(Block::Figure(svg, String::new()))
     }
 
-    fn code(&self, code: &str) -> (String, &'static str) {
-        if self.styled { (format!("\u{1b}[{code}m"), "\u{1b}[0m") } else { (String::new(), "") }
+    /// A text of a file as it is, folded away behind a word.
+    pub fn folded(&mut self, summary: &str, text: &str) -> &mut Self {
+        self.push(Block::Folded(summary.into(), text.into()))
     }
+
+    /// Another whole page within this one.
+    pub fn within(&mut self, title: &str, page: String) -> &mut Self {
+        self.push(Block::Within(title.into(), page))
+    }
+
+    /// As text for standard output: bold and dim on a terminal only, never with `NO_COLOR`.
+    pub fn text(&self) -> String {
+        let plain = std::env::var_os("NO_COLOR").is_some_and(|v| !v.is_empty())
+            || std::env::var_os("TERM").is_some_and(|v| v == "dumb");
+        self.styled(std::io::stdout().is_terminal() && !plain)
+    }
+
+    fn styled(&self, styled: bool) -> String {
+        let paint = |code: &str, text: &str| {
+            let text = shown(text);
+            if styled { format!("\u{1b}[{code}m{text}\u{1b}[0m") } else { text }
+        };
+        let mut out = String::new();
+        for block in &self.blocks {
+            let _ = match block {
+                Block::Title(name, remark) if remark.is_empty() => writeln!(out, "{}", paint("1", name)),
+                Block::Title(name, remark) => writeln!(out, "{} · {}", paint("1", name), shown(remark)),
+                Block::Heading(name) | Block::Subheading(name) => writeln!(out, "\n{}", paint("1", name)),
+                Block::Line(text) => writeln!(out, "{}", shown(text)),
+                Block::Facts(facts) => aligned(&mut out, facts, &paint),
+                Block::Table(table) => write!(out, "{}", table.render(styled)),
+                Block::Notes(word, texts) => {
+                    texts.iter().try_for_each(|text| writeln!(out, "  {} {}", paint("33", word), shown(text)))
+                }
+                // for a browser alone
+                Block::Figure(..) | Block::Folded(..) | Block::Within(..) => Ok(()),
+            };
+        }
+        out
+    }
+}
+
+/// Facts in three columns.
+fn aligned(out: &mut String, facts: &[Fact], paint: &dyn Fn(&str, &str) -> String) -> std::fmt::Result {
+    let width = |text: fn(&Fact) -> &str| facts.iter().map(|f| text(f).chars().count()).max().unwrap_or(0);
+    let (names, values) = (width(|f| &f.name), width(|f| &f.value));
+    for fact in facts {
+        let line = format!("  {:<names$}  {:<values$}", shown(&fact.name), shown(&fact.value));
+        match fact.note.as_str() {
+            "" => writeln!(out, "{}", line.trim_end())?,
+            note => writeln!(out, "{line}   {}", paint("2", note))?,
+        }
+    }
+    Ok(())
 }
 
 /// Longest text shown at one place, characters.
@@ -166,6 +243,27 @@ pub fn duration(seconds: f64) -> String {
     }
 }
 
+/// The share of `n` as people say it: a count where it is a few of many, `1 of 1024`.
+pub fn share_of(share: f64, n: usize) -> String {
+    let count = (share * n as f64).round();
+    if count > 0.0 && share < 0.01 { format!("{count} of {n}") } else { percent(share) }
+}
+
+/// `97 %`.
+pub fn percent(share: f64) -> String {
+    format!("{} %", short(100.0 * share, 3))
+}
+
+/// `3.12 M`, `196 k`.
+pub fn count(n: f64) -> String {
+    match n {
+        n if n >= 999.5e6 => format!("{} G", short(1e-9 * n, 3)),
+        n if n >= 999.5e3 => format!("{} M", short(1e-6 * n, 3)),
+        n if n >= 999.5 => format!("{} k", short(1e-3 * n, 3)),
+        n => short(n, 3),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -196,10 +294,15 @@ mod tests {
 
     #[test]
     fn facts_are_aligned_whatever_letters_they_have() {
-        let mut page = Page { text: String::new(), styled: false };
-        page.facts(&[Fact::new("motor τ", "12 ms").note("up"), Fact::new("mass", "0.7 kg").note("all")]);
+        let mut page = Page::new();
+        page.facts(vec![Fact::new("motor τ", "12 ms").note("up"), Fact::new("mass", "0.7 kg").note("all")]);
         let columns: Vec<usize> =
-            page.finish().lines().map(|l| l.chars().count() - if l.ends_with("up") { 2 } else { 3 }).collect();
+            page.styled(false).lines().map(|l| l.chars().count() - if l.ends_with("up") { 2 } else { 3 }).collect();
         assert_eq!(columns[0], columns[1]);
+    }
+
+    #[test]
+    fn a_few_of_many_are_counted() {
+        assert_eq!([share_of(1.0 / 1024.0, 1024), share_of(0.0, 1024), share_of(0.5, 4)], ["1 of 1024", "0 %", "50 %"]);
     }
 }

@@ -1,7 +1,7 @@
 //! `omnidrones design --spread`: the same loop over a box of plants.
 
 use super::page::{Fact, Page, short};
-use super::table::{Align, Table};
+use super::table::Table;
 use omnidrones::controllers::Rates;
 use omnidrones::controllers::design::robustness::robustness;
 use omnidrones::controllers::design::{JudgedPlant, PlantBox, Robustness};
@@ -43,19 +43,16 @@ impl PlantArguments {
     }
 }
 
-/// Above what is told of a box.
-pub const HEADING: &str = "Plants not as believed";
-
 /// The share of stable plants, and the plants of least margin.
 pub fn tell(page: &mut Page, found: &Robustness) {
-    page.heading(HEADING).facts(&facts(found)).table(&table(found));
+    page.heading("Plants not as believed").facts(facts(found)).table(table(found));
     for line in flaws(found) {
         page.line(line);
     }
 }
 
 /// The box, and how many of its plants are stable.
-pub fn facts(found: &Robustness) -> Vec<Fact> {
+fn facts(found: &Robustness) -> Vec<Fact> {
     let PlantBox { spread, shift, samples, confidence, .. } = found.plants;
     let percent = |share: f64| short(100.0 * share, 3);
     let [low, high] = found.stable.bounds.map(percent);
@@ -82,16 +79,8 @@ fn named(found: &Robustness) -> [(&'static str, Option<&JudgedPlant>); 4] {
 }
 
 /// Their factors and margins.
-pub fn table(found: &Robustness) -> Table {
-    let mut table = Table::new(&[
-        ("plant", Align::Left),
-        ("mass", Align::Right),
-        ("inertia", Align::Right),
-        ("lag", Align::Right),
-        ("forward [mm]", Align::Right),
-        ("left [mm]", Align::Right),
-        ("disk", Align::Right),
-    ]);
+fn table(found: &Robustness) -> Table {
+    let mut table = Table::new("plant | >mass | >inertia | >lag | >forward [mm] | >left [mm] | >disk");
     for (name, JudgedPlant { plant, disk, .. }) in named(found).into_iter().filter_map(|(name, one)| Some((name, one?)))
     {
         let factor = |f: f64| format!("× {}", short(f, 3));
@@ -110,7 +99,7 @@ pub fn table(found: &Robustness) -> Table {
 }
 
 /// Why some have no margin.
-pub fn flaws(found: &Robustness) -> Vec<String> {
+fn flaws(found: &Robustness) -> Vec<String> {
     let told = |(name, one): (&str, Option<&JudgedPlant>)| Some(format!("  {name}: {}", one?.flaw.as_ref()?));
     named(found).into_iter().filter_map(told).collect()
 }

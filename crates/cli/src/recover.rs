@@ -156,25 +156,23 @@ pub fn run(a: &Arguments) -> Result<Report> {
         });
         return Ok(Report::json(&value, all.recovered > 0));
     }
-    Ok(Report { text: page(a, plant.name(), &name, &map, &all, time), success: all.recovered > 0 })
+    Ok(Report::page(&page(a, plant.name(), &name, &map, &all, time), all.recovered > 0))
 }
 
-fn page(a: &Arguments, plant: &str, controller: &str, map: &RecoveryMap, all: &RecoveryCell, time: f64) -> String {
+fn page(a: &Arguments, plant: &str, controller: &str, map: &RecoveryMap, all: &RecoveryCell, time: f64) -> Page {
     let mut page = Page::new();
     page.title(plant, &format!("under '{controller}'"));
     let how = if map.batched { "in lanes, f32" } else { "one after the other, f64" };
-    page.heading("Starts").facts(&[
+    page.heading("Starts").facts(vec![
         Fact::new("flown", all.n.to_string()).note(format!("{how}, in {}", duration(time))),
         Fact::new("came back", share(all)).note(format!("{} of {}", all.recovered, all.n)),
         Fact::new("most height lost", length(all.sunk)).note("by those that came back"),
         Fact::new("slowest", duration(all.slowest)).note(format!("until within {BACK} m and still")),
     ]);
     let columns = map.plan.rate.1;
-    let mut headers = vec![("tilt [°]".to_string(), Align::Right)];
-    headers.extend(map.cells[..columns].iter().map(|c| (format!("{} rad/s", interval(c.rate)), Align::Right)));
-    headers.extend([("height lost".to_string(), Align::Right), ("slowest".to_string(), Align::Right)]);
-    let headers: Vec<(&str, Align)> = headers.iter().map(|(name, align)| (name.as_str(), *align)).collect();
-    let mut table = Table::new(&headers);
+    let rates = map.cells[..columns].iter().map(|c| format!("{} rad/s", interval(c.rate)));
+    let mut table =
+        Table::new(">tilt [°]").with(Align::Right, rates.chain(["height lost", "slowest"].map(String::from)));
     for row in map.cells.chunks_exact(columns) {
         let sunk = row.iter().fold(0.0, |most: f64, c| most.max(c.sunk));
         let slowest = row.iter().fold(0.0, |most: f64, c| most.max(c.slowest));
@@ -182,7 +180,7 @@ fn page(a: &Arguments, plant: &str, controller: &str, map: &RecoveryMap, all: &R
         let tilt = interval(row[0].tilt.map(|t| t * 180.0 / PI));
         table.row(std::iter::once(tilt).chain(shares).chain([length(sunk), duration(slowest)]));
     }
-    page.heading("Came back, by tilt and body rate").table(&table);
+    page.heading("Came back, by tilt and body rate").table(table);
     let widest = map.cells.iter().map(|c| c.bounds[1] - c.bounds[0]).fold(0.0, f64::max);
     page.line(format!(
         "  {} starts in each cell; with {} % confidence its share is known within {} points",
@@ -190,10 +188,8 @@ fn page(a: &Arguments, plant: &str, controller: &str, map: &RecoveryMap, all: &R
         short(100.0 * map.plan.confidence, 3),
         short(100.0 * widest, 2)
     ));
-    if let Some(file) = &a.output.plot {
-        page.heading("Written").line(format!("  {}", file.display()));
-    }
-    page.finish()
+    page.written(a.output.plot.as_slice());
+    page
 }
 
 /// `97.3 % (96.1 to 98.2)`.

@@ -1,9 +1,8 @@
 //! `omnidrones replay`: episodes as one page for a browser; and what every command records for such a page.
 
 use super::environment::EnvArguments;
-use super::page::{Page, plain_facts, short};
+use super::page::{Page, percent, plain_facts, short};
 use super::rollout::Flown;
-use super::rollout_files::percent;
 use super::shown::{Flier, check_number};
 use super::{Report, files, progress};
 use omnidrones::error::{Error, Result};
@@ -119,7 +118,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
         page.line(format!("  success {success}, crashed {crashed}, return {}", short(e.return_mean, 4)));
     }
     page.heading("Written").line(format!("  {}   {} kB", path.display(), text.len() / 1000));
-    Ok(Report::done(page.finish()))
+    Ok(Report::page(&page, true))
 }
 
 /// The page of the first episodes of a run's policy.

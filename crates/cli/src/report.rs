@@ -3,7 +3,7 @@
 mod runs;
 mod several;
 
-use super::html::Html;
+use super::html::html;
 use super::page::Page;
 use super::train::compare;
 use super::{Report, files, progress};
@@ -89,19 +89,19 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let kinds: Vec<Kind> = a.runs.iter().map(|folder| Kind::of(folder)).collect();
     let origins = a.runs.iter().map(|folder| folder.display().to_string()).collect::<Vec<_>>().join(", ");
     let remark = format!("{origins}; omnidrones {}", env!("CARGO_PKG_VERSION"));
-    let text = if kinds.iter().all(|kind| matches!(kind, Kind::Run)) {
+    let mut told = Page::new();
+    if kinds.iter().all(|kind| matches!(kind, Kind::Run)) {
         let mut flown = a.runs.iter().map(|folder| runs::Told::of(folder, &telling)).collect::<Result<Vec<_>>>()?;
         runs::tell_apart(&mut flown);
-        let mut html = Html::new(&runs::title(&flown), &remark);
-        runs::tell(&mut html, &flown)?;
-        html.finish()
+        told.title(&runs::title(&flown), &remark);
+        runs::tell(&mut told, &flown)?;
     } else {
-        let mut html = Html::new("What was learnt", &remark);
+        told.title("What was learnt", &remark);
         for (folder, kind) in a.runs.iter().zip(&kinds) {
-            several::tell(&mut html, folder, kind, &telling)?;
+            several::tell(&mut told, folder, kind, &telling)?;
         }
-        html.finish()
-    };
+    }
+    let text = html(&told);
     spinner.finish_and_clear();
     files::write_new(&path, &text, a.force)?;
     if a.json {
@@ -117,7 +117,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let mut page = Page::new();
     page.title("Report", &origins);
     page.heading("Written").line(format!("  {}   {} kB", path.display(), text.len() / 1000));
-    Ok(Report::done(page.finish()))
+    Ok(Report::page(&page, true))
 }
 
 /// Where the page goes; refused before any work where it cannot.

@@ -2,10 +2,10 @@
 
 use super::arguments::{self, OutputArguments, ThreadArguments};
 use super::environment::EnvArguments;
-use super::page::{Fact, Page, duration, short};
+use super::page::{Fact, Page, duration, percent, share_of, short};
 use super::replay::{SHOWN, Seen};
-use super::rollout_files::{self as out, LINES, percent, share_of};
-use super::table::{Align, Table};
+use super::rollout_files::{self as out, LINES};
+use super::table::Table;
 use super::trajectories::Trajectories;
 use super::{Report, files, progress, rollout_all, tasks};
 use clap::ValueEnum;
@@ -495,10 +495,7 @@ impl Told<'_> {
             files::replace(&path, page(&flown.title(), &[seen.recording(&flown)?]))?;
             written.push(path);
         }
-        if output.json {
-            return Ok(Report::json(&flown.json(self.command, self.by, &written), true));
-        }
-        Ok(Report::done(flown.page(&written)))
+        Ok(Report::told(output.json, true, || flown.json(self.command, self.by, &written), || flown.page(&written)))
     }
 }
 
@@ -536,25 +533,20 @@ impl Flown {
     }
 
     /// All figures, and what was written.
-    pub fn page(&self, written: &[PathBuf]) -> String {
+    pub fn page(&self, written: &[PathBuf]) -> Page {
         let mut page = Page::new();
         let spec = self.record.spec();
         let how = format!("{} episodes, seed {}, flown by {}", spec.n_env, spec.config.seed, self.controller);
-        page.title(&spec.task, &how).facts(&self.facts());
+        page.title(&spec.task, &how).facts(self.facts());
         page.line(success(spec));
         if let Some(note) = &self.unflown {
             page.line(format!("  {note}"));
         }
-        page.heading("How episodes ended").table(&self.ends());
-        page.heading("Reward").table(&self.terms());
-        page.heading("In the last step").table(&self.metrics());
-        if !written.is_empty() {
-            page.heading("Written");
-            for path in written {
-                page.line(format!("  {}", path.display()));
-            }
-        }
-        page.finish()
+        page.heading("How episodes ended").table(self.ends());
+        page.heading("Reward").table(self.terms());
+        page.heading("In the last step").table(self.metrics());
+        page.written(written);
+        page
     }
 
     pub fn facts(&self) -> Vec<Fact> {
@@ -605,7 +597,7 @@ impl Flown {
 
     fn ends(&self) -> Table {
         let (spec, e) = (self.record.spec(), &self.evaluation);
-        let mut table = Table::new(&[("reason", Align::Left), ("episodes", Align::Right), ("when", Align::Left)]);
+        let mut table = Table::new("reason | >episodes | when");
         let mut diverged = spec.diverged();
         if let Some((i, breach)) = (0..spec.n_env).find_map(|i| Some((i, self.record.breach(i)?))) {
             diverged.condition += &format!(": in episode {i} {breach}");
@@ -618,12 +610,7 @@ impl Flown {
     }
 
     fn terms(&self) -> Table {
-        let mut table = Table::new(&[
-            ("term", Align::Left),
-            ("mean per episode", Align::Right),
-            ("share of its bound", Align::Right),
-            ("is", Align::Left),
-        ]);
+        let mut table = Table::new("term | >mean per episode | >share of its bound | is");
         let spec = self.record.spec();
         for (term, mean) in spec.reward.iter().zip(&self.evaluation.terms) {
             let share =
@@ -634,14 +621,7 @@ impl Flown {
     }
 
     fn metrics(&self) -> Table {
-        let mut table = Table::new(&[
-            ("metric", Align::Left),
-            ("mean", Align::Right),
-            ("10 %", Align::Right),
-            ("median", Align::Right),
-            ("90 %", Align::Right),
-            ("unit", Align::Left),
-        ]);
+        let mut table = Table::new("metric | >mean | >10 % | >median | >90 % | unit");
         for (name, unit, s) in self.final_spreads() {
             let numbers = [s.mean, s.low, s.median, s.high].map(|v| short(v, 3));
             let [mean, low, median, high] = &numbers;

@@ -1,9 +1,9 @@
 //! `rollout --all`: every task that a controller can fly, one line each.
 
-use super::page::{Page, short};
+use super::page::{Page, percent, short};
 use super::rollout::{Arguments, ControllerName, Ready};
-use super::rollout_files::{self as out, percent};
-use super::table::{Align, Table, number};
+use super::rollout_files as out;
+use super::table::{Table, number};
 use super::{Report, files, progress};
 use omnidrones::error::{Error, Result};
 use omnidrones::parallel::Threads;
@@ -62,7 +62,7 @@ pub fn run(a: &Arguments, config: &EnvConfig, threads: &Threads) -> Result<Repor
         });
         return Ok(Report::json(&value, true));
     }
-    Ok(Report::done(all_page(&lines, config, &written)))
+    Ok(Report::page(&all_page(&lines, config, &written), true))
 }
 
 fn line(entry: &'static Entry, config: &EnvConfig, threads: &Threads, a: &Arguments) -> Line {
@@ -101,18 +101,10 @@ pub fn told_errors<'a>(errors: impl Iterator<Item = (&'a str, &'a str)>) -> Stri
     format!("Error: the task's position_error{but}")
 }
 
-fn all_page(lines: &[Line], config: &EnvConfig, written: &[PathBuf]) -> String {
-    let mut table = Table::new(&[
-        ("task", Align::Left),
-        ("flown by", Align::Left),
-        ("return", Align::Right),
-        ("of bound", Align::Right),
-        ("success", Align::Right),
-        ("crashed", Align::Right),
-        ("steps", Align::Right),
-        ("mean error [m]", Align::Right),
-        ("last [m]", Align::Right),
-    ]);
+fn all_page(lines: &[Line], config: &EnvConfig, written: &[PathBuf]) -> Page {
+    let mut table = Table::new(
+        "task | flown by | >return | >of bound | >success | >crashed | >steps | >mean error [m] | >last [m]",
+    );
     // tasks by the reason for which they were not flown
     let mut left_out: Vec<(String, Vec<&str>)> = Vec::new();
     for line in lines {
@@ -141,7 +133,7 @@ fn all_page(lines: &[Line], config: &EnvConfig, written: &[PathBuf]) -> String {
     }
     let mut page = Page::new();
     page.title("Baselines", &format!("{} episodes of every task, seed {}", config.n_env, config.seed));
-    page.table(&table);
+    page.table(table);
     let told = told_errors(lines.iter().map(|l| (l.name, l.error.0.as_str())));
     page.line(format!("\n{told}; 'last' is its mean in the last step, crashed episodes included."));
     if !left_out.is_empty() {
@@ -153,11 +145,6 @@ fn all_page(lines: &[Line], config: &EnvConfig, written: &[PathBuf]) -> String {
             }
         }
     }
-    if !written.is_empty() {
-        page.heading("Written");
-        for path in written {
-            page.line(format!("  {}", path.display()));
-        }
-    }
-    page.finish()
+    page.written(written);
+    page
 }

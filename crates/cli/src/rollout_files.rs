@@ -1,7 +1,7 @@
 //! What `rollout` leaves in a folder: figures, and every step and episode as CSV.
 
 use super::files;
-use super::page::short;
+use super::page::percent;
 use super::rollout::Flown;
 use super::rollout_all::Line;
 use omnidrones::error::{Error, Result};
@@ -167,17 +167,6 @@ pub fn draw_all(lines: &[Line], title: &str, path: &Path) -> Result<()> {
 /// Share of crashes that colours a bar.
 const CRASHES: f64 = 0.05;
 
-/// The share of `n` as people say it: a count where it is a few of many, `1 of 1024`.
-pub fn share_of(share: f64, n: usize) -> String {
-    let count = (share * n as f64).round();
-    if count > 0.0 && share < 0.01 { format!("{count} of {n}") } else { percent(share) }
-}
-
-/// `97 %`.
-pub fn percent(share: f64) -> String {
-    format!("{} %", short(100.0 * share, 3))
-}
-
 /// Writes steps.csv and episodes.csv.
 pub fn write_csv(record: &Record, folder: &Path) -> Result<Vec<PathBuf>> {
     let steps = folder.join("steps.csv");
@@ -226,14 +215,4 @@ pub fn write_table(path: &Path, header: Vec<String>, rows: impl Iterator<Item = 
     }
     let bytes = text.into_inner().map_err(|e| Error::file(path, std::io::Error::other(e.to_string())))?;
     files::replace(path, &bytes)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_few_of_many_are_counted() {
-        assert_eq!([share_of(1.0 / 1024.0, 1024), share_of(0.0, 1024), share_of(0.5, 4)], ["1 of 1024", "0 %", "50 %"]);
-    }
 }

@@ -7,6 +7,7 @@ use omnidrones::parallel::Threads;
 use omnidrones::rl::TrainConfig;
 use omnidrones::rl::log::{self, Line};
 use omnidrones::rl::runs::{Run, fingerprint};
+use omnidrones_studies::plan::label;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -44,12 +45,6 @@ pub fn check_budget(factor: f64) -> Result<()> {
         return Ok(());
     }
     Err(Error::value("--budget", factor, "finite and > 0", "1 takes the updates as they are."))
-}
-
-/// With so many times the updates, one at least.
-pub fn budgeted(config: TrainConfig, factor: f64) -> TrainConfig {
-    let updates = (config.updates() as f64 * factor).ceil().max(1.0) as u64;
-    config.with_updates(updates)
 }
 
 impl Row {
@@ -101,11 +96,6 @@ impl Row {
     fn path(&self, folder: &Path, updates: u64) -> PathBuf {
         folder.join(format!("{}-u{updates}.json", self.stem()))
     }
-}
-
-/// An algorithm with what sets a row of it apart.
-pub fn label(algorithm: &str, setting: &str) -> String {
-    if setting.is_empty() { algorithm.into() } else { format!("{algorithm}, {setting}") }
 }
 
 /// The row as it is kept in `folder`, with all of its seeds; an empty one where it is not there or stale.

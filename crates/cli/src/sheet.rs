@@ -147,10 +147,10 @@ pub fn sheet(page: &mut Page, vehicle: &Vehicle) -> Result<()> {
         _ => authority.shortcomings(),
     };
     facts.push(Fact::new("steered axes", control).note(format!("allocation of rank {}", authority.full_rank)));
-    page.facts(&facts);
-    page.heading("Parts").table(&parts(vehicle));
+    page.facts(facts);
+    page.heading("Parts").table(parts(vehicle));
     rotors(page, vehicle);
-    page.heading("Allocation matrix").table(&allocation(vehicle));
+    page.heading("Allocation matrix").table(allocation(vehicle));
     page.line("  wrench about the centre of mass, base axes, per newton of each rotor's thrust");
     Ok(())
 }
@@ -166,12 +166,7 @@ pub fn vector(values: &[f64], digits: usize) -> String {
 
 /// Parts with mass, place and inertia; equal rows stay apart, since names matter.
 pub fn parts(vehicle: &Vehicle) -> Table {
-    let mut table = Table::new(&[
-        ("part", Align::Left),
-        ("mass [kg]", Align::Right),
-        ("centre of mass [m]", Align::Left),
-        ("inertia xx yy zz [kg m²]", Align::Left),
-    ]);
+    let mut table = Table::new("part | >mass [kg] | centre of mass [m] | inertia xx yy zz [kg m²]");
     for part in &vehicle.parts {
         let i = &part.inertia;
         table.row([part.name.clone(), short(part.mass, 4), vector(&part.position, 3), vector(&[i.xx, i.yy, i.zz], 3)]);
@@ -201,14 +196,9 @@ pub fn rotors(page: &mut Page, vehicle: &Vehicle) {
     let upright = rotors.iter().all(|r| r.axis == [0.0, 0.0, 1.0]);
     let (common, own): (Vec<RotorColumn>, Vec<RotorColumn>) =
         rotor_columns().into_iter().partition(|(.., of)| rotors.windows(2).all(|pair| of(&pair[0]) == of(&pair[1])));
-    let mut headers = vec![("rotor".to_string(), Align::Left), ("hub [m]".into(), Align::Left)];
-    if !upright {
-        headers.push(("axis".into(), Align::Left));
-    }
-    headers.push(("spin".into(), Align::Left));
-    headers.extend(own.iter().map(|(symbol, _, unit, ..)| (format!("{symbol} [{unit}]"), Align::Right)));
-    let headers: Vec<(&str, Align)> = headers.iter().map(|(name, align)| (name.as_str(), *align)).collect();
-    let mut table = Table::new(&headers);
+    let own_headers = own.iter().map(|(symbol, _, unit, ..)| format!("{symbol} [{unit}]"));
+    let headers = if upright { "rotor | hub [m] | spin" } else { "rotor | hub [m] | axis | spin" };
+    let mut table = Table::new(headers).with(Align::Right, own_headers);
     for rotor in rotors {
         let mut row = vec![rotor.name.clone(), vector(&rotor.position, 3)];
         if !upright {
@@ -218,7 +208,7 @@ pub fn rotors(page: &mut Page, vehicle: &Vehicle) {
         row.extend(own.iter().map(|(.., scale, of)| short(scale * of(rotor), 4)));
         table.row(row);
     }
-    page.heading("Rotors").table(&table);
+    page.heading("Rotors").table(table);
     page.line(if upright {
         "  axes along body z; spins seen from above"
     } else {
@@ -232,17 +222,14 @@ pub fn rotors(page: &mut Page, vehicle: &Vehicle) {
         .map(|(symbol, what, unit, value)| Fact::new(*symbol, format!("{} {unit}", short(value, 4))).note(*what))
         .collect();
     if !facts.is_empty() {
-        page.heading("Every rotor").facts(&facts);
+        page.heading("Every rotor").facts(facts);
     }
 }
 
 fn allocation(vehicle: &Vehicle) -> Table {
     let matrix = vehicle.allocation_matrix();
-    let names: Vec<&str> = vehicle.rotors.iter().map(|r| r.name.as_str()).collect();
     let n = matrix.ncols();
-    let mut headers = vec![("per N of", Align::Left)];
-    headers.extend(names.iter().map(|name| (*name, Align::Right)));
-    let mut table = Table::new(&headers);
+    let mut table = Table::new("per N of").with(Align::Right, vehicle.rotors.iter().map(|r| &r.name));
     for (row, name) in ["F_x", "F_y", "F_z", "M_x [m]", "M_y [m]", "M_z [m]"].iter().enumerate() {
         let tidy = |v: f64| if v.abs() < 5e-7 { "0".to_string() } else { short((1e6 * v).round() / 1e6, 4) };
         let cells = (0..n).map(|i| tidy(matrix[(row, i)]));
@@ -256,10 +243,7 @@ type PerAxis = fn(&Vehicle, &Gains) -> [f64; 3];
 
 /// Gains side by side, with the bandwidth and damping that they give without motor lag.
 pub fn gains_table(vehicle: &Vehicle, sets: &[(&str, Gains)]) -> Table {
-    let mut headers = vec![("per axis x, y, z".to_string(), Align::Left)];
-    headers.extend(sets.iter().map(|(name, _)| (name.to_string(), Align::Left)));
-    let headers: Vec<(&str, Align)> = headers.iter().map(|(name, align)| (name.as_str(), *align)).collect();
-    let mut table = Table::new(&headers);
+    let mut table = Table::new("per axis x, y, z").with(Align::Left, sets.iter().map(|(name, _)| *name));
     let rows: [(&str, PerAxis); 9] = [
         ("position K_p [1/s²]", |_, g| g.position),
         ("velocity K_v [1/s]", |_, g| g.velocity),

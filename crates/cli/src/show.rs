@@ -5,7 +5,7 @@ use super::arguments::{PlotArguments, VehicleArguments};
 use super::page::{Fact, Page, short};
 use super::robot::{self, Robot};
 use super::sheet::vector;
-use super::table::{Align, Table};
+use super::table::Table;
 use omnidrones::dynamics::tree::{Body, Drive, Joint, Model, Motion, Multibody, center_of_mass};
 use omnidrones::dynamics::{GRAVITY, Physics, configurations, vehicles};
 use omnidrones::error::Result;
@@ -64,13 +64,11 @@ pub fn run(a: &Arguments) -> Result<Report> {
     if !robot.description.is_empty() {
         page.line(format!("  {}", robot.description));
     }
-    page.heading("Tree").table(&tree(&robot.model));
-    page.heading("Totals").facts(&totals(&robot.model, &system));
+    page.heading("Tree").table(tree(&robot.model));
+    page.heading("Totals").facts(totals(&robot.model, &system));
     tables(&mut page, &robot.model);
-    if let Some(file) = &a.output.plot {
-        page.heading("Written").line(format!("  {}", file.display()));
-    }
-    Ok(Report::done(page.finish()))
+    page.written(a.output.plot.as_slice());
+    Ok(Report::page(&page, true))
 }
 
 fn list(as_json: bool) -> Result<Report> {
@@ -91,14 +89,7 @@ fn list(as_json: bool) -> Result<Report> {
         let value = json!({ "command": "show", "configurations": rows, "vehicles": vehicles::names() });
         return Ok(Report::json(&value, true));
     }
-    let mut table = Table::new(&[
-        ("configuration", Align::Left),
-        ("drones", Align::Right),
-        ("rotors", Align::Right),
-        ("mass [kg]", Align::Right),
-        ("freedoms", Align::Right),
-        ("", Align::Left),
-    ]);
+    let mut table = Table::new("configuration | >drones | >rotors | >mass [kg] | >freedoms | ");
     for (entry, model) in &models {
         table.row([
             entry.name.to_string(),
@@ -111,10 +102,10 @@ fn list(as_json: bool) -> Result<Report> {
     }
     let stories: Vec<Fact> = vehicles::REGISTRY.iter().map(|e| Fact::new(e.name, e.description)).collect();
     let mut page = Page::new();
-    page.table(&table);
-    page.heading("Vehicles, shown as one body").facts(&stories);
+    page.table(table);
+    page.heading("Vehicles, shown as one body").facts(stories);
     page.line("\nomnidrones show NAME prints one of them, with --plot FILE it is drawn; omnidrones fly NAME flies it.");
-    Ok(Report::done(page.finish()))
+    Ok(Report::page(&page, true))
 }
 
 fn subtitle(robot: &Robot) -> String {
@@ -128,14 +119,7 @@ fn subtitle(robot: &Robot) -> String {
 
 /// One row per body, indented below its parent.
 fn tree(model: &Model) -> Table {
-    let mut table = Table::new(&[
-        ("body", Align::Left),
-        ("mass [kg]", Align::Right),
-        ("rotors", Align::Right),
-        ("joint", Align::Left),
-        ("moves", Align::Left),
-        ("", Align::Left),
-    ]);
+    let mut table = Table::new("body | >mass [kg] | >rotors | joint | moves | ");
     table.row(["world"]);
     branch(model, None, "", &mut table);
     table
@@ -249,32 +233,22 @@ fn totals(model: &Model, system: &Multibody) -> Vec<Fact> {
 
 fn tables(page: &mut Page, model: &Model) {
     if !model.rotors().is_empty() {
-        page.heading("Rotors").table(&rotors(model));
+        page.heading("Rotors").table(rotors(model));
         page.line("  hub and axis in the frame of the body; T_max and Ω_max at full command");
     }
     if model.bodies().iter().any(|b| b.joint.drive.is_some()) {
-        page.heading("Servos").table(&servos(model));
+        page.heading("Servos").table(servos(model));
         page.line("  a command of ±1 asks for the ends of the target; torques are bounded");
     }
     if !model.parts().frames.is_empty() {
-        page.heading("Frames").table(&frames(model));
+        page.heading("Frames").table(frames(model));
         page.line("  parts that were welded into a body keep their frames by name");
     }
-    page.heading("State and input").table(&places(model));
+    page.heading("State and input").table(places(model));
 }
 
 fn rotors(model: &Model) -> Table {
-    let mut table = Table::new(&[
-        ("rotor", Align::Right),
-        ("name", Align::Left),
-        ("on", Align::Left),
-        ("hub [m]", Align::Left),
-        ("axis", Align::Left),
-        ("spin", Align::Left),
-        ("T_max [N]", Align::Right),
-        ("Ω_max [rad/s]", Align::Right),
-        ("lag [ms]", Align::Right),
-    ]);
+    let mut table = Table::new(">rotor | name | on | hub [m] | axis | spin | >T_max [N] | >Ω_max [rad/s] | >lag [ms]");
     for (i, mounted) in model.rotors().iter().enumerate() {
         let r = &mounted.rotor;
         let lag = [r.time_constant_up, r.time_constant_down].map(|t| short(1e3 * t, 3));
@@ -294,14 +268,7 @@ fn rotors(model: &Model) -> Table {
 }
 
 fn servos(model: &Model) -> Table {
-    let mut table = Table::new(&[
-        ("joint", Align::Left),
-        ("target", Align::Left),
-        ("stiffness", Align::Right),
-        ("damping", Align::Right),
-        ("bound", Align::Right),
-        ("input", Align::Right),
-    ]);
+    let mut table = Table::new("joint | target | >stiffness | >damping | >bound | >input");
     for (i, body) in model.bodies().iter().enumerate() {
         let Some(drive) = &body.joint.drive else { continue };
         let turns = matches!(body.joint.motion, Motion::Revolute(_));
@@ -328,7 +295,7 @@ fn servos(model: &Model) -> Table {
 }
 
 fn frames(model: &Model) -> Table {
-    let mut table = Table::new(&[("frame", Align::Left), ("on", Align::Left), ("origin [m]", Align::Left)]);
+    let mut table = Table::new("frame | on | origin [m]");
     for frame in &model.parts().frames {
         table.row([frame.name.clone(), model.bodies()[frame.body].name.clone(), vector(&frame.position, 3)]);
     }
@@ -337,7 +304,7 @@ fn frames(model: &Model) -> Table {
 
 /// Where everything stands, equal kinds of neighbours together.
 fn places(model: &Model) -> Table {
-    let mut table = Table::new(&[("slice", Align::Left), ("holds", Align::Left)]);
+    let mut table = Table::new("slice | holds");
     for (slice, what) in slices(model) {
         table.row([slice, what]);
     }

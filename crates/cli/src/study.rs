@@ -1,18 +1,15 @@
 //! `omnidrones study`: a comparison of algorithms over tasks and seeds, as a report.
 
-mod document;
 mod figure;
-mod plan;
 
 use super::arguments::{self, OutputArguments, ThreadArguments};
+use super::html::{html, markdown};
 use super::over_seeds::{Failure, shown, spread};
-use super::page::{Page, duration, short};
-use super::rollout_files::percent;
+use super::page::{Block, Page, count, duration, percent, short};
 use super::rows::{self, Row};
-use super::table::{Align, Table};
-use super::train::{algorithms, compare, count};
+use super::table::Table;
+use super::train::{algorithms, compare};
 use super::{Report, files, over_seeds, progress};
-use document::Document;
 use omnidrones::error::Result;
 use omnidrones::parallel::Threads;
 use omnidrones::rl::TrainConfig;
@@ -20,7 +17,8 @@ use omnidrones::rl::log::Line;
 use omnidrones::rl::runs::OverSeeds;
 use omnidrones::tasks::Evaluation;
 use omnidrones::tasks::registry;
-use plan::{Cell, Claim, Plan};
+use omnidrones_studies::plan::{self, Cell, Claim, Plan};
+use omnidrones_studies::verdict::Outcome;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -85,15 +83,6 @@ pub struct Told {
     curves: Vec<Vec<Line>>,
 }
 
-/// How a row did.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Found {
-    Flies,
-    Fails,
-    /// By fewer steps than another row had that flies the task.
-    FailsEarly,
-}
-
 /// Our controllers by task.
 type Controllers = BTreeMap<String, (String, Evaluation)>;
 
@@ -127,30 +116,25 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let study = Study { failed, ..Study::read(plan, &folder, a, seeds, &threads)? };
     let written = study.write(&folder, a)?;
     let success = study.failed.is_empty();
-    if a.output.json {
-        return Ok(Report::json(&study.value(), success));
-    }
-    Ok(Report { text: study.page(&written), success })
+    Ok(Report::told(a.output.json, success, || study.value(), || study.page(&written)))
 }
 
 /// What failed of a row, in words.
 fn train(cell: &Cell, seeds: u64, folder: &Path, threads: &Threads, bar: &indicatif::ProgressBar) -> Vec<String> {
     let name = format!("{} by {}", cell.config.task, cell.label());
-    match rows::train(&cell.asked(seeds), folder, threads, bar) {
+    match rows::train(&asked(cell, seeds), folder, threads, bar) {
         Err(error) => vec![format!("{name}: {error}")],
         Ok(row) => row.failed.iter().map(|Failure { seed, why }| format!("{name}, seed {seed}: {why}")).collect(),
     }
 }
 
-impl Cell {
-    fn asked(&self, seeds: u64) -> rows::Asked<'_> {
-        rows::Asked { algorithm: &self.algorithm, setting: &self.setting, config: &self.config, seeds }
-    }
+fn asked(cell: &Cell, seeds: u64) -> rows::Asked<'_> {
+    rows::Asked { algorithm: &cell.algorithm, setting: &cell.setting, config: &cell.config, seeds }
 }
 
 impl Told {
     fn read(cell: Cell, folder: &Path, seeds: u64) -> Result<Self> {
-        let row = rows::known(&cell.asked(seeds), folder)?;
+        let row = rows::known(&asked(&cell, seeds), folder)?;
         let curves = row.curves(folder);
         Ok(Self { cell, row, curves })
     }
@@ -187,10 +171,10 @@ impl Study {
             written.push(file(&curves));
         }
         let svg = drawn.map(|figure| figure.svg()).transpose()?;
-        let document = self.document(svg.map(|svg| (svg, &curves[..])));
+        let document = self.document(svg.map(|svg| (svg, curves)));
         let texts = [
-            ("study.md", document.markdown()),
-            ("study.html", document.html()),
+            ("study.md", markdown(&document)),
+            ("study.html", html(&document)),
             ("study.json", format!("{:#}\n", self.value())),
         ];
         for (name, text) in texts {
@@ -212,9 +196,10 @@ impl Study {
         format!("{done} of {all} rows are trained ({} seeds each{budget}).", self.seeds)
     }
 
-    fn document(&self, curves: Option<(String, &str)>) -> Document {
+    fn document(&self, curves: Option<(String, String)>) -> Page {
         let remark = format!("{} omnidrones {}.", self.made(), env!("CARGO_PKG_VERSION"));
-        let mut document = Document::new(&self.plan.title, &remark);
+        let mut document = Page::new();
+        document.title(&self.plan.title, &remark);
         document.heading("Statements").line(
             "What was published of each algorithm, and whether the rows below bear it out. A task counts as flown where the mean \
              return over seeds is three quarters of our controller's from the first 256 of the same starts. Budgets and recipes \
@@ -222,7 +207,7 @@ impl Study {
         );
         document.table(self.statements());
         for claim in self.plan.claims.iter().filter(|claim| !claim.why.is_empty()) {
-            document.line(&format!("{} {}", claim.says, claim.why));
+            document.line(format!("{} {}", claim.says, claim.why));
         }
         for part in &self.plan.parts {
             let table = self.table(&part.name);
@@ -236,26 +221,19 @@ impl Study {
             let drawn = self.rows.iter().filter(|told| !told.curves.is_empty()).count();
             document.heading("Learning curves");
             if drawn < trained {
-                document.line(&format!("Of the {drawn} rows whose curves were kept."));
+                document.line(format!("Of the {drawn} rows whose curves were kept."));
             }
-            document.figure(svg, file);
+            document.blocks.push(Block::Figure(svg, file));
         }
-        if !self.failed.is_empty() {
-            document.heading("Not trained");
-            for words in &self.failed {
-                document.line(words);
-            }
-        }
+        document.lines("Not trained", &self.failed);
         document.heading("Where the rows come from").table(self.origins());
         document
     }
 
     /// A line per row of a part that has runs; our controller below those of a task.
     fn table(&self, part: &str) -> Table {
-        let heads = ["success", "crashed", "return", "beside ours", "seeds", "time", "env steps"];
-        let mut columns = vec![("task", Align::Left), ("by", Align::Left)];
-        columns.extend(heads.map(|name| (name, Align::Right)));
-        let mut table = Table::new(&columns);
+        let mut table =
+            Table::new("task | by | >success | >crashed | >return | >beside ours | >seeds | >time | >env steps");
         let own: Vec<&Told> =
             self.rows.iter().filter(|row| row.cell.part == part && !row.row.runs.is_empty()).collect();
         for (k, row) in own.iter().enumerate() {
@@ -285,104 +263,44 @@ impl Study {
 
     /// What was said and what was found.
     fn statements(&self) -> Table {
-        let heads = ["published", "here", "found"].map(|name| (name, Align::Left));
-        let mut table = Table::new(&heads);
-        for claim in &self.plan.claims {
-            let (verdict, found) = self.judge(claim);
-            table.row([claim.says.clone(), verdict.into(), found]);
-        }
-        table
+        Table::new("published | here | found").filled(self.plan.claims.iter().map(|claim| {
+            let (verdict, found) = self.plan.judge(claim, &self.outcomes());
+            [claim.says.clone(), verdict.into(), found]
+        }))
     }
 
-    /// Whether a statement holds, and on how many tasks each of its algorithms flies.
-    fn judge(&self, claim: &Claim) -> (&'static str, String) {
-        let own = |row: &&Told| claim.parts.contains(&row.cell.part) && claim.algorithms.contains(&row.cell.algorithm);
-        let mut found: Vec<(String, Vec<Option<Found>>)> = Vec::new();
-        for row in self.rows.iter().filter(own) {
-            let label = row.cell.label();
-            match found.iter_mut().find(|(name, _)| *name == label) {
-                Some((_, all)) => all.push(self.found(row)),
-                None => found.push((label, vec![self.found(row)])),
-            }
-        }
-        let count = |all: &[Option<Found>], what: Found| all.iter().flatten().filter(|own| **own == what).count();
-        let told = |(name, all): &(String, Vec<Option<Found>>)| {
-            let early = match count(all, Found::FailsEarly) {
-                0 => String::new(),
-                n => format!(" ({n} of the others by fewer steps than a row that does)"),
-            };
-            format!("{name} flies {} of {}{early}", count(all, Found::Flies), all.iter().flatten().count())
-        };
-        let words = found.iter().map(told).collect::<Vec<_>>().join("; ");
-        if found.iter().any(|(_, all)| all.contains(&None)) {
-            return ("not decided: rows or our controllers are missing", words);
-        }
-        let holds = |of_early: usize| {
-            let flown = |all: &[Option<Found>]| count(all, Found::Flies) + of_early * count(all, Found::FailsEarly);
-            let mut each = found.iter().map(|(_, all)| (flown(all), all.len()));
-            if claim.flies { each.all(|(n, of)| 2 * n > of) } else { each.all(|(n, _)| n == 0) }
-        };
-        let verdict = match (holds(0), holds(1)) {
-            (true, true) => "holds",
-            (false, false) => "does not hold",
-            _ => "not decided: others that fly had more steps",
-        };
-        (verdict, words)
-    }
-
-    /// How a whole row with our controller beside it did; a failure is known to be one when all rows of the task are whole.
-    fn found(&self, row: &Told) -> Option<Found> {
-        let flies = |row: &Told| {
-            let share = row.beside(&self.controllers).filter(|_| self.is_whole(row))?;
-            Some(share.mean >= self.plan.flies)
-        };
-        let steps = |row: &Told| spread(&row.row.runs, |run| run.env_steps as f64).map_or(0.0, |all| all.mean);
-        if flies(row)? {
-            return Some(Found::Flies);
-        }
-        let alike = |other: &&Told| other.cell.part == row.cell.part && other.cell.config.task == row.cell.config.task;
-        let mut later = false;
-        for other in self.rows.iter().filter(alike) {
-            later |= flies(other)? && steps(other) > steps(row);
-        }
-        Some(if later { Found::FailsEarly } else { Found::Fails })
+    /// What the plan's statements are judged by.
+    fn outcomes(&self) -> Vec<Outcome<'_>> {
+        let of = self.rows.iter().map(|told| {
+            let share = told.beside(&self.controllers).filter(|_| self.is_whole(told)).map(|share| share.mean);
+            let steps = spread(&told.row.runs, |run| run.env_steps as f64).map_or(0.0, |all| all.mean);
+            Outcome { cell: &told.cell, share, steps }
+        });
+        of.collect()
     }
 
     fn origins(&self) -> Table {
-        let heads = ["task", "by", "seeds", "commit", "hash of settings, task and physics"];
-        let mut table = Table::new(&heads.map(|name| (name, Align::Left)));
-        for row in self.rows.iter().map(|told| &told.row).filter(|row| !row.runs.is_empty()) {
-            table.row(row.origin());
-        }
-        table
+        let rows = self.rows.iter().map(|told| &told.row).filter(|row| !row.runs.is_empty());
+        Table::new("task | by | seeds | commit | hash of settings, task and physics").filled(rows.map(Row::origin))
     }
 
-    fn page(&self, written: &[PathBuf]) -> String {
+    fn page(&self, written: &[PathBuf]) -> Page {
         let mut page = Page::new();
         page.title("Study", &self.plan.title);
         for part in &self.plan.parts {
             let table = self.table(&part.name);
             if !table.is_empty() {
-                page.heading(&part.name).table(&table);
+                page.heading(&part.name).table(table);
             }
         }
         page.line(format!("\n{KEY}\n{}", self.made()));
         page.heading("Statements");
         for claim in &self.plan.claims {
-            let (verdict, found) = self.judge(claim);
+            let (verdict, found) = self.plan.judge(claim, &self.outcomes());
             page.line(format!("  {}\n    {verdict}: {found}", claim.says));
         }
-        if !self.failed.is_empty() {
-            page.heading("Not trained");
-            for words in &self.failed {
-                page.line(format!("  {words}"));
-            }
-        }
-        page.heading("Written");
-        for path in written {
-            page.line(format!("  {}", path.display()));
-        }
-        page.finish()
+        page.lines("Not trained", &self.failed).written(written);
+        page
     }
 
     fn value(&self) -> Value {
@@ -396,7 +314,7 @@ impl Study {
             value
         };
         let claim = |claim: &Claim| {
-            let (verdict, found) = self.judge(claim);
+            let (verdict, found) = self.plan.judge(claim, &self.outcomes());
             json!({ "says": claim.says, "verdict": verdict, "found": found })
         };
         let controllers = self
@@ -471,7 +389,8 @@ mod tests {
         "final_error": 0, "mean_error": 0, "ends": []}"#;
 
     fn verdict(study: &Study, begins: &str) -> &'static str {
-        study.judge(study.plan.claims.iter().find(|claim| claim.says.starts_with(begins)).unwrap()).0
+        let claim = study.plan.claims.iter().find(|claim| claim.says.starts_with(begins)).unwrap();
+        study.plan.judge(claim, &study.outcomes()).0
     }
 
     #[test]

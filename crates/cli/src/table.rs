@@ -20,9 +20,27 @@ pub struct Table {
 }
 
 impl Table {
-    /// With these headers; a header carries its unit: `RMSE [mm]`.
-    pub fn new(columns: &[(&str, Align)]) -> Self {
-        Self { columns: columns.iter().map(|(name, align)| (name.to_string(), *align)).collect(), rows: Vec::new() }
+    /// With headers between bars, each with its unit; `>` marks those of numbers: `vehicle | >RMSE [mm]`.
+    pub fn new(headers: &str) -> Self {
+        let column = |header: &str| match header.trim().strip_prefix('>') {
+            Some(name) => (name.into(), Align::Right),
+            None => (header.trim().into(), Align::Left),
+        };
+        Self { columns: headers.split('|').map(column).collect(), rows: Vec::new() }
+    }
+
+    /// With more columns, named by data.
+    pub fn with<S: Into<String>>(mut self, align: Align, names: impl IntoIterator<Item = S>) -> Self {
+        self.columns.extend(names.into_iter().map(|name| (name.into(), align)));
+        self
+    }
+
+    /// With these rows.
+    pub fn filled<S: Into<String>, R: IntoIterator<Item = S>>(mut self, rows: impl IntoIterator<Item = R>) -> Self {
+        for row in rows {
+            self.row(row);
+        }
+        self
     }
 
     /// Appends a row; missing cells stay empty, surplus ones are dropped.
@@ -101,7 +119,7 @@ mod tests {
 
     #[test]
     fn a_table_outside_a_terminal_has_no_escape_codes_and_right_aligned_numbers() {
-        let mut table = Table::new(&[("vehicle", Align::Left), ("RMSE [mm]", Align::Right)]);
+        let mut table = Table::new("vehicle | >RMSE [mm]");
         table.row(["hummingbird".to_string(), number(9.04, 1)]).row(["firefly".to_string(), number(f64::NAN, 1)]);
         let text = table.render(false);
         assert!(!text.contains('\u{1b}'), "{text:?}");

@@ -3,7 +3,7 @@
 use super::Report;
 use super::environment::{self, EnvArguments, QUANTITIES, usual_vehicle};
 use super::page::{Fact, Page, short};
-use super::table::{Align, Table};
+use super::table::Table;
 use omnidrones::controllers::cascade::Level;
 use omnidrones::error::Result;
 use omnidrones::tasks::randomise::Action;
@@ -71,10 +71,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     if a.toml {
         return Ok(Report::done(environment::file(task.entry, &task.env, &task.config)?));
     }
-    if a.json {
-        return Ok(Report::json(&task.json()?, true));
-    }
-    Ok(Report::done(task.page()?))
+    Ok(if a.json { Report::json(&task.json()?, true) } else { Report::page(&task.page()?, true) })
 }
 
 fn list(config: &EnvConfig, as_json: bool) -> Result<Report> {
@@ -83,15 +80,7 @@ fn list(config: &EnvConfig, as_json: bool) -> Result<Report> {
         let rows: Vec<Value> = tasks.iter().map(|(entry, env)| summary(entry, env.spec())).collect();
         return Ok(Report::json(&json!({ "command": "tasks", "tasks": rows }), true));
     }
-    let mut table = Table::new(&[
-        ("task", Align::Left),
-        ("agents", Align::Right),
-        ("sees", Align::Right),
-        ("acts", Align::Right),
-        ("steps", Align::Right),
-        ("best", Align::Right),
-        ("goal", Align::Left),
-    ]);
+    let mut table = Table::new("task | >agents | >sees | >acts | >steps | >best | goal");
     let mut page = Page::new();
     let mut families: Vec<&str> = Vec::new();
     for (entry, _) in &tasks {
@@ -116,14 +105,14 @@ fn list(config: &EnvConfig, as_json: bool) -> Result<Report> {
             ]);
         }
     }
-    page.table(&table);
+    page.table(table);
     page.line(format!(
         "\n'sees' and 'acts' count the numbers of one agent's observation and action in a step of {} s, 'steps' those of",
         short(config.dt, 3)
     ));
     page.line("an episode; 'best' is the largest reward of a step, which all agents of a team share.\n");
     page.line("omnidrones tasks TASK prints one in full, omnidrones rollout TASK flies it.");
-    Ok(Report::done(page.finish()))
+    Ok(Report::page(&page, true))
 }
 
 fn summary(entry: &Entry, spec: &Spec) -> Value {
@@ -162,10 +151,10 @@ impl Described {
         Ok(Self { entry, env, controller: controller.map_err(|e| e.to_string()), levels, config })
     }
 
-    fn page(&self) -> Result<String> {
+    fn page(&self) -> Result<Page> {
         let mut page = Page::new();
         let (spec, own) = (self.env.spec(), self.env.task_spec());
-        page.title(self.entry.name, self.entry.description).facts(&self.facts());
+        page.title(self.entry.name, self.entry.description).facts(self.facts());
         page.heading("Goal, start, success, loss of training");
         lines(&mut page, "", &self.about());
         let success = format!("{} (not terminated; nothing else counts)", own.success.text());
@@ -175,29 +164,29 @@ impl Described {
             None => page.heading("Action, each number clipped to [−1, 1]"),
             Some(how) => page.heading("Commands behind the action").line(format!("  {how}\n")),
         };
-        page.table(&self.meanings());
-        page.heading("Observation").table(&fields(&spec.observation));
+        page.table(self.meanings());
+        page.heading("Observation").table(fields(&spec.observation));
         page.line("  Quaternions are [w, x, y, z], body → world.");
         if !spec.central.is_empty() {
-            page.heading("Central state, for critics that see all").table(&fields(&spec.central));
+            page.heading("Central state, for critics that see all").table(fields(&spec.central));
         }
-        page.heading("Reward").table(&self.reward());
-        page.heading("Episode end").table(&self.ends());
-        page.heading("Told in every step").table(&self.infos());
-        page.heading("Configuration").table(&self.settings());
-        page.heading("What --randomise can draw for every episode").facts(&quantities());
+        page.heading("Reward").table(self.reward());
+        page.heading("Episode end").table(self.ends());
+        page.heading("Told in every step").table(self.infos());
+        page.heading("Configuration").table(self.settings());
+        page.heading("What --randomise can draw for every episode").facts(quantities());
         if !own.task_state.is_empty() || !own.goal.is_empty() {
             let names = |fields: &[Field]| fields.iter().map(|s| s.name.clone()).collect::<Vec<_>>().join(", ");
             let kept = [("goal", names(&own.goal)), ("task state", names(&own.task_state))];
             let kept: Vec<Fact> =
                 kept.into_iter().filter(|k| !k.1.is_empty()).map(|(n, what)| Fact::new(n, what)).collect();
-            page.heading("What the task keeps through an episode").facts(&kept);
+            page.heading("What the task keeps through an episode").facts(kept);
         }
         page.heading("Configuration file, as --toml prints it");
         for line in environment::file(self.entry, &self.env, &self.config)?.lines() {
             page.line(if line.is_empty() { String::new() } else { format!("  {line}") });
         }
-        Ok(page.finish())
+        Ok(page)
     }
 
     /// Symbols, target and start, and what a variant has of its own.
@@ -280,7 +269,7 @@ impl Described {
 
     /// What −1 … 1 of every command means.
     fn meanings(&self) -> Table {
-        let mut table = Table::new(&[("command", Align::Left), ("−1 … 1 means", Align::Left)]);
+        let mut table = Table::new("command | −1 … 1 means");
         for (names, meaning) in commands_of(&self.env) {
             table.row([commands(&names), meaning]);
         }
@@ -288,13 +277,7 @@ impl Described {
     }
 
     fn reward(&self) -> Table {
-        let mut table = Table::new(&[
-            ("term", Align::Left),
-            ("at least", Align::Right),
-            ("at most", Align::Right),
-            ("gradient", Align::Left),
-            ("is", Align::Left),
-        ]);
+        let mut table = Table::new("term | >at least | >at most | gradient | is");
         for t in &self.env.task_spec().reward {
             table.row([
                 t.name.to_string(),
@@ -310,7 +293,7 @@ impl Described {
     }
 
     fn ends(&self) -> Table {
-        let mut table = Table::new(&[("reason", Align::Left), ("flag", Align::Left), ("when", Align::Left)]);
+        let mut table = Table::new("reason | flag | when");
         for e in &self.env.task_spec().ends {
             table.row([&e.name, "terminated", &e.condition]);
         }
@@ -321,7 +304,7 @@ impl Described {
     }
 
     fn infos(&self) -> Table {
-        let mut table = Table::new(&[("info", Align::Left), ("unit", Align::Left), ("meaning", Align::Left)]);
+        let mut table = Table::new("info | unit | meaning");
         for info in &self.env.spec().info {
             table.row([&info.name, &info.unit, &info.meaning]);
         }
@@ -329,8 +312,7 @@ impl Described {
     }
 
     fn settings(&self) -> Table {
-        let mut table =
-            Table::new(&[("key in [task]", Align::Left), ("default", Align::Left), ("meaning", Align::Left)]);
+        let mut table = Table::new("key in [task] | default | meaning");
         let defaults = self.entry.default_config().map(|c| c.task).unwrap_or_default();
         for s in &self.env.task_spec().settings {
             let default = defaults.get(&s.key).unwrap_or(&s.default).to_string();
@@ -411,13 +393,7 @@ fn lines(page: &mut Page, head: &str, text: &str) {
 
 /// Fields with their places.
 fn fields(fields: &[Field]) -> Table {
-    let mut table = Table::new(&[
-        ("place", Align::Right),
-        ("name", Align::Left),
-        ("size", Align::Right),
-        ("unit, frame", Align::Left),
-        ("meaning", Align::Left),
-    ]);
+    let mut table = Table::new(">place | name | >size | unit, frame | meaning");
     let mut at = 0;
     for s in fields {
         let place = if s.size == 1 { at.to_string() } else { format!("{at}–{}", (at + s.size).saturating_sub(1)) };

@@ -2,10 +2,9 @@
 
 use super::arguments::{self, OutputArguments};
 use super::environment::{self, EnvArguments, usual_vehicle};
-use super::page::{Fact, Page, duration, short};
+use super::page::{Fact, Page, count, duration, percent, share_of, short};
 use super::rollout::{SUCCESS, success};
-use super::rollout_files::{percent, share_of};
-use super::table::{Align, Table};
+use super::table::Table;
 use super::train_plot::{self, Curves};
 use super::train_search::{self, axis, combinations};
 use super::train_seeds::{self, Asked};
@@ -196,10 +195,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     files::replace(&path, &text)?;
     let files = ["log.jsonl", "curve.csv", "config.toml"].map(|name| folder.join(name));
     trained.written.extend(files.into_iter().chain([path]).chain(trained.outcome.checkpoint.clone()));
-    if a.output.json {
-        return Ok(Report::json(&trained.json(), true));
-    }
-    Ok(Report::done(trained.page(&folder)))
+    Ok(Report::told(a.output.json, true, || trained.json(), || trained.page(&folder)))
 }
 
 /// Several seeds, or a search over settings.
@@ -369,16 +365,6 @@ fn message(p: &Progress<'_>, rate: f64) -> String {
     parts.join(" · ")
 }
 
-/// `3.12 M`, `196 k`.
-pub fn count(n: f64) -> String {
-    match n {
-        n if n >= 999.5e6 => format!("{} G", short(1e-9 * n, 3)),
-        n if n >= 999.5e3 => format!("{} M", short(1e-6 * n, 3)),
-        n if n >= 999.5 => format!("{} k", short(1e-3 * n, 3)),
-        n => short(n, 3),
-    }
-}
-
 /// What an environment of the run is like, and what the task's error is.
 pub fn spec(entry: &Entry, config: &TrainConfig) -> Result<(Spec, Metric)> {
     let env = entry.env(&EnvConfig { n_env: 1, ..config.seen_env() })?;
@@ -433,16 +419,9 @@ pub fn compare(entry: &Entry, config: &TrainConfig, threads: &Threads) -> Option
 
 /// Who flew how well, a row each; errors in this unit.
 pub fn results<'a>(unit: &str, flown: impl IntoIterator<Item = &'a (String, Evaluation)>) -> Table {
-    let mut table = Table::new(&[
-        ("flown by", Align::Left),
-        ("success", Align::Right),
-        ("crashed", Align::Right),
-        (&format!("final error [{unit}]"), Align::Right),
-        (&format!("mean error [{unit}]"), Align::Right),
-        ("return", Align::Right),
-        ("share of bound", Align::Right),
-        ("length", Align::Right),
-    ]);
+    let mut table = Table::new(&format!(
+        "flown by | >success | >crashed | >final error [{unit}] | >mean error [{unit}] | >return | >share of bound | >length"
+    ));
     for (name, e) in flown {
         let numbers = [
             percent(e.success),
@@ -530,10 +509,10 @@ impl Trained<'_> {
         }
     }
 
-    fn page(&self, folder: &Path) -> String {
+    fn page(&self, folder: &Path) -> Page {
         let (o, mut page) = (&self.outcome, Page::new());
         let how = format!("{}, seed {}, {} updates", self.algorithm, self.config.seed, o.updates);
-        page.title(self.entry.name, &how).facts(&self.facts());
+        page.title(self.entry.name, &how).facts(self.facts());
         if let Some((done, budget)) = self.was_over {
             page.line(format!(
                 "  This run was over: update {done} of {budget}. Nothing was trained; \
@@ -553,21 +532,18 @@ impl Trained<'_> {
         page.notes("damaged", &self.notes, 3, "see the folder");
         let starts = Starts { n_env: self.config.evaluate.envs, seed: self.config.evaluate.seed };
         page.heading(&format!("Evaluation: {} episodes from held-out starts, seed {}", starts.n_env, starts.seed));
-        page.table(&self.table());
+        page.table(self.table());
         page.line(success(&self.spec));
         if self.baseline.is_some() && starts.n_env > MAX_COMPARED {
             page.line(format!("  The controller flew the first {MAX_COMPARED} of these starts."));
         }
-        page.heading("Written");
-        for path in &self.written {
-            page.line(format!("  {}", path.display()));
-        }
+        page.written(&self.written);
         page.heading("Next");
         page.line(format!("  omnidrones replay {}  the policy in flight, as a page for a browser", folder.display()));
         page.line(format!("  omnidrones report {}  all of it, as one page", folder.display()));
         page.line(format!("  omnidrones eval {}    errors over time, as plots", folder.display()));
         page.line(format!("  omnidrones watch {}   the policy in flight, as a GIF", folder.display()));
-        page.finish()
+        page
     }
 
     fn facts(&self) -> Vec<Fact> {

@@ -2,12 +2,11 @@
 
 use super::arguments::{self, OutputArguments, ThreadArguments};
 use super::over_seeds::{Failure, shown, spread};
-use super::page::{Page, duration, short};
+use super::page::{Page, count, duration, percent, short};
 use super::rollout_all::told_errors;
-use super::rollout_files::percent;
 use super::rows::{self, MAX_ROW, Row};
-use super::table::{Align, Table};
-use super::train::{algorithms, compare, count, spec};
+use super::table::Table;
+use super::train::{algorithms, compare, spec};
 use super::train_all_plot::{self, Learnt};
 use super::{Report, files, over_seeds, progress};
 use omnidrones::error::Result;
@@ -17,6 +16,7 @@ use omnidrones::rl::log::Line as LogLine;
 use omnidrones::rl::recipes::recipes_of;
 use omnidrones::tasks::registry::{self, Entry, REGISTRY};
 use omnidrones::tasks::{Evaluation, Metric};
+use omnidrones_studies::plan::budgeted;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -173,7 +173,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
         return Ok(Report::json(&value(&lines, a), success));
     }
     written.push(folder);
-    Ok(Report { text: page(&lines, a, &written), success })
+    Ok(Report::page(&page(&lines, a, &written), success))
 }
 
 fn line(
@@ -192,8 +192,7 @@ fn line(
         curves: Vec::new(),
         baseline: None,
     };
-    let config =
-        TrainConfig::for_task(entry.name, Some(algorithm), None).map(|config| rows::budgeted(config, a.budget));
+    let config = TrainConfig::for_task(entry.name, Some(algorithm), None).map(|config| budgeted(config, a.budget));
     line.error = config.as_ref().ok().and_then(|config| spec(entry, config).ok()).map(|(_, error)| error);
     let train = |config: TrainConfig| {
         let asked = rows::Asked { algorithm, setting: "", config: &config, seeds: a.seeds };
@@ -218,18 +217,9 @@ pub fn table(lines: &[Line]) -> Table {
     let unit = unit(lines.iter().filter_map(|line| line.error.as_ref()));
     let head = |name: &str| unit.map_or(name.to_string(), |unit| format!("{name} [{unit}]"));
     let (last, mean) = (head("final error"), head("mean error"));
-    let mut table = Table::new(&[
-        ("task", Align::Left),
-        ("flown by", Align::Left),
-        ("success", Align::Right),
-        ("crashed", Align::Right),
-        (&last, Align::Right),
-        (&mean, Align::Right),
-        ("return", Align::Right),
-        ("share", Align::Right),
-        ("time", Align::Right),
-        ("env steps", Align::Right),
-    ]);
+    let mut table = Table::new(&format!(
+        "task | flown by | >success | >crashed | >{last} | >{mean} | >return | >share | >time | >env steps"
+    ));
     for line in lines {
         let Some(Row { runs, .. }) = line.row.as_ref().ok().filter(|row| !row.runs.is_empty()) else { continue };
         let of = |figure: fn(&Evaluation) -> f64| spread(runs, |run| figure(&run.evaluation));
@@ -266,24 +256,15 @@ pub fn table(lines: &[Line]) -> Table {
     table
 }
 
-fn page(lines: &[Line], a: &Arguments, written: &[PathBuf]) -> String {
+fn page(lines: &[Line], a: &Arguments, written: &[PathBuf]) -> Page {
     let mut page = Page::new();
     let seeds = if a.seeds == 1 { "1 seed".into() } else { format!("{} seeds", a.seeds) };
     page.title("Learning", &format!("{seeds}, budgets × {}, held-out starts", short(a.budget, 3)));
-    page.table(&table(lines));
+    page.table(table(lines));
     page.line(format!("\n{}", key(lines)));
-    let failed: Vec<String> = lines.iter().flat_map(failures).collect();
-    if !failed.is_empty() {
-        page.heading("Not trained");
-        for words in failed {
-            page.line(words);
-        }
-    }
-    page.heading("Written");
-    for path in written {
-        page.line(format!("  {}", path.display()));
-    }
-    page.finish()
+    page.lines("Not trained", lines.iter().flat_map(failures));
+    page.written(written);
+    page
 }
 
 /// What the errors of the table are.
@@ -294,7 +275,7 @@ pub fn key(lines: &[Line]) -> String {
 
 /// What was not trained in a line, in words.
 fn failures(line: &Line) -> Vec<String> {
-    let name = format!("  {} by {}", line.entry.name, line.algorithm);
+    let name = format!("{} by {}", line.entry.name, line.algorithm);
     match &line.row {
         Err(why) => vec![format!("{name}: {why}")],
         Ok(row) => row.failed.iter().map(|Failure { seed, why }| format!("{name}, seed {seed}: {why}")).collect(),

@@ -1,7 +1,6 @@
 //! `train --search`: which settings are best, by successive halving over seeds.
 
-use super::page::Page;
-use super::rollout_files::percent;
+use super::page::{Page, percent};
 use super::table::{Align, Table};
 use super::train_seeds::Asked;
 use super::{Report, files, progress};
@@ -93,10 +92,12 @@ pub fn run(asked: &Asked<'_>, named: Vec<(String, TrainConfig)>, factor: usize, 
         written.insert(0, path);
     }
     let success = told.failures.is_empty();
-    if asked.json {
-        return Ok(Report::json(&value(&told, &names, asked), success));
-    }
-    Ok(Report { text: page(&told, &names, &search, asked, &written), success })
+    Ok(Report::told(
+        asked.json,
+        success,
+        || value(&told, &names, asked),
+        || page(&told, &names, &search, asked, &written),
+    ))
 }
 
 /// Updates of all runs, if the first candidates went on at every rung.
@@ -133,10 +134,8 @@ pub const KEY: &str =
 /// Candidates, the best first, with what they came to rung by rung.
 pub fn table(told: &SearchResult, names: &[String]) -> Table {
     let of = |candidate: usize| told.trials.iter().filter(move |trial| trial.candidate == candidate);
-    let updates: Vec<String> = of(told.winner).map(|trial| format!("after {}", trial.updates)).collect();
-    let heads = updates.iter().map(|text| (text.as_str(), Align::Right));
-    let columns: Vec<(&str, Align)> = [("candidate", Align::Left)].into_iter().chain(heads).collect();
-    let mut table = Table::new(&columns);
+    let updates = of(told.winner).map(|trial| format!("after {}", trial.updates));
+    let mut table = Table::new("candidate").with(Align::Right, updates);
     for last in ranked(told) {
         let cells = of(last.candidate).map(|trial| {
             let [success, bound] = trial.mean();
@@ -147,25 +146,18 @@ pub fn table(told: &SearchResult, names: &[String]) -> Table {
     table
 }
 
-fn page(told: &SearchResult, names: &[String], search: &Search, asked: &Asked<'_>, written: &[PathBuf]) -> String {
+fn page(told: &SearchResult, names: &[String], search: &Search, asked: &Asked<'_>, written: &[PathBuf]) -> Page {
     let mut page = Page::new();
     let (n, seeds) = (names.len(), asked.seeds.len());
     page.title(
         asked.entry.name,
         &format!("{}, {n} candidates, {seeds} seeds, one in {} goes on", asked.algorithm, search.factor),
     );
-    page.table(&table(told, names));
+    page.table(table(told, names));
     page.line(format!("\n{KEY}"));
-    if !told.failures.is_empty() {
-        page.heading("Failed");
-        for (candidate, seed, why) in &told.failures {
-            page.line(format!("  {}, seed {seed}: {why}", names[*candidate]));
-        }
-    }
-    page.heading("Written");
-    for path in written {
-        page.line(format!("  {}", path.display()));
-    }
+    let failed = told.failures.iter();
+    page.lines("Failed", failed.map(|(candidate, seed, why)| format!("{}, seed {seed}: {why}", names[*candidate])));
+    page.written(written);
     page.heading("Next");
     let file = asked.folder.join("winner.toml");
     page.line(format!(
@@ -173,7 +165,7 @@ fn page(told: &SearchResult, names: &[String], search: &Search, asked: &Asked<'_
         asked.entry.name,
         file.display()
     ));
-    page.finish()
+    page
 }
 
 /// Success of the candidates over updates.

@@ -1,10 +1,9 @@
 //! `train --seeds`: several seeds side by side in one process, and what they say together.
 
 use super::over_seeds::{Failure, Outcome, split, spread, value};
-use super::page::{Page, duration, short};
-use super::rollout_files::percent;
-use super::table::{Align, Table};
-use super::train::{count, spec};
+use super::page::{Page, count, duration, percent, short};
+use super::table::Table;
+use super::train::spec;
 use super::train_all_plot::{self, Learnt};
 use super::{Report, files, progress};
 use omnidrones::error::{Error, Result};
@@ -74,7 +73,7 @@ pub fn run(asked: &Asked<'_>, threads: &Threads) -> Result<Report> {
         return Ok(Report::json(&json, success));
     }
     let (_, error) = spec(asked.entry, asked.config)?;
-    Ok(Report { text: page(asked, &error, &done, &failed, &written), success })
+    Ok(Report::page(&page(asked, &error, &done, &failed, &written), success))
 }
 
 /// Refuses a run that is there, unless it is to go on or to be replaced.
@@ -101,23 +100,15 @@ pub fn train(all: &[Run], threads: &Threads, bar: &indicatif::ProgressBar) -> Ve
     })
 }
 
-fn page(asked: &Asked<'_>, error: &Metric, done: &[Outcome], failed: &[Failure], written: &[PathBuf]) -> String {
+fn page(asked: &Asked<'_>, error: &Metric, done: &[Outcome], failed: &[Failure], written: &[PathBuf]) -> Page {
     let mut page = Page::new();
     let updates = asked.config.updates();
     page.title(asked.entry.name, &format!("{}, {} seeds, {updates} updates", asked.algorithm, asked.seeds.len()));
-    page.table(&table(error, done));
+    page.table(table(error, done));
     page.line("\n± 95 %: half the width of the confidence interval of the mean over seeds, by Student's t.");
-    if !failed.is_empty() {
-        page.heading("Failed");
-        for Failure { seed, why } in failed {
-            page.line(format!("  seed {seed}: {why}"));
-        }
-    }
-    page.heading("Written");
-    for path in written {
-        page.line(format!("  {}", path.display()));
-    }
-    page.finish()
+    page.lines("Failed", failed.iter().map(|Failure { seed, why }| format!("seed {seed}: {why}")));
+    page.written(written);
+    page
 }
 
 /// A figure of an outcome, how it is printed, and by which factor it is printed larger.
@@ -126,17 +117,9 @@ type Figure = (fn(&Outcome) -> f64, fn(f64) -> String, f64);
 /// A row per seed, then mean, interval, least and largest.
 pub fn table(error: &Metric, done: &[Outcome]) -> Table {
     let (last, mean) = (format!("final error [{}]", error.unit), format!("mean error [{}]", error.unit));
-    let mut table = Table::new(&[
-        ("seed", Align::Left),
-        ("success", Align::Right),
-        ("crashed", Align::Right),
-        (&last, Align::Right),
-        (&mean, Align::Right),
-        ("return", Align::Right),
-        ("share of bound", Align::Right),
-        ("time", Align::Right),
-        ("env steps", Align::Right),
-    ]);
+    let mut table = Table::new(&format!(
+        "seed | >success | >crashed | >{last} | >{mean} | >return | >share of bound | >time | >env steps"
+    ));
     for run in done {
         let e = &run.evaluation;
         table.row([

@@ -183,17 +183,12 @@ pub fn run(a: &Arguments) -> Result<Report> {
 
     let mut page = Page::new();
     source.describe(&mut page);
-    page.heading("Tuning").facts(&facts(&plan, &tuning, wall_time));
+    page.heading("Tuning").facts(facts(&plan, &tuning, wall_time));
     if !cells.is_empty() {
-        page.heading("Cells").table(&tune_grid::table(&cells, &tuning));
+        page.heading("Cells").table(tune_grid::table(&cells, &tuning));
     }
-    page.heading("Gains").table(&sheet::gains_table(vehicle, &[(&gains_name, gains), ("tuned", tuning.gains)]));
-    if !written.is_empty() {
-        page.heading("Written");
-        for path in &written {
-            page.line(format!("  {}", path.display()));
-        }
-    }
+    page.heading("Gains").table(sheet::gains_table(vehicle, &[(&gains_name, gains), ("tuned", tuning.gains)]));
+    page.written(&written);
     page.line("");
     for warning in warnings(&tuning) {
         page.line(format!("WARNING: {warning}"));
@@ -208,7 +203,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
             "FAILED: no gains on the way bear what --margins asks for, so those it started from are kept; no gains.toml is written, and one of before is left. Try a smaller --disk"
         });
     }
-    Ok(Report { text: page.finish(), success: better })
+    Ok(Report::page(&page, better))
 }
 
 /// What is tuned on: the reference, unless there are cells alone; further ones; half of the cells.

@@ -1,7 +1,7 @@
 //! `omnidrones tune --grid`: circles of given accelerations and speeds, half to tune on, half to judge on.
 
 use super::page::{length, short};
-use super::table::{Align, Table};
+use super::table::Table;
 use omnidrones::controllers::design::{FlightGrid, GridCell, Tuning};
 use omnidrones::dynamics::{Physics, Vehicle};
 use omnidrones::error::Result;
@@ -34,16 +34,7 @@ impl GridArguments {
 
 /// Cell by cell: the error before and after, or why it was not flown.
 pub fn table(cells: &[GridCell], tuning: &Tuning) -> Table {
-    let mut table = Table::new(&[
-        ("a [m/s²]", Align::Right),
-        ("V [m/s]", Align::Right),
-        ("thrust", Align::Right),
-        ("cell", Align::Left),
-        ("RMSE before", Align::Right),
-        ("after", Align::Right),
-        ("less", Align::Right),
-        ("lost", Align::Right),
-    ]);
+    let mut table = Table::new(">a [m/s²] | >V [m/s] | >thrust | cell | >RMSE before | >after | >less | >lost");
     for cell in cells {
         let thrust = cell.thrust.map_or("none".into(), |share| format!("{:.0} %", 100.0 * share));
         let place = [short(cell.acceleration, 3), short(cell.speed, 3), thrust];

@@ -107,5 +107,5 @@ pub fn run(a: &Arguments) -> Result<Report> {
     }
     let mut page = Page::new();
     page.title(&a.shown, &format!("shown for {}, to at most {most} at once", duration(lasted)));
-    Ok(Report::done(page.finish()))
+    Ok(Report::page(&page, true))
 }

@@ -3,9 +3,9 @@
 use super::arguments::OutputArguments;
 use super::environment::EnvArguments;
 use super::eval::Ready;
-use super::page::{Page, short};
+use super::page::{Page, percent, short};
 use super::replay::Seen;
-use super::rollout_files::{self as out, percent};
+use super::rollout_files as out;
 use super::shown::{MAX_SHOWN, check_number};
 use super::{Report, files, progress};
 use omnidrones::controllers::Reference;
@@ -123,11 +123,8 @@ pub fn run(a: &Arguments) -> Result<Report> {
         percent(e.crashed),
         short(e.return_mean, 4)
     ));
-    page.heading("Written");
-    for path in &written {
-        page.line(format!("  {}", path.display()));
-    }
-    Ok(Report::done(page.finish()))
+    page.written(&written);
+    Ok(Report::page(&page, true))
 }
 
 /// The files beside an animation, named after it: two animations in one folder do not share them.

@@ -2,8 +2,8 @@
 
 use super::figures::{self, Loops};
 use super::{Arguments, Findings, loop_facts, margins_table, modes_table, reach, trim_facts};
-use crate::html::Html;
-use crate::page::{Fact, short};
+use crate::html::html;
+use crate::page::{Fact, Page, short};
 use crate::plant_box;
 use crate::sheet::{gains_table, key_facts};
 use crate::source::Source;
@@ -44,36 +44,34 @@ impl Subject<'_> {
         let Self { arguments: a, source, found, loops, .. } = self;
         let vehicle = &source.vehicle;
         let title = format!("{}: design of the control loop", vehicle.name);
-        let mut page = Html::new(&title, &format!("{}; omnidrones {}", source.origin, env!("CARGO_PKG_VERSION")));
-        page.heading("Vehicle").facts(&key_facts(vehicle));
-        page.heading("Steady flight").facts(&trim_facts(a, found));
+        let mut page = Page::new();
+        page.title(&title, &format!("{}; omnidrones {}", source.origin, env!("CARGO_PKG_VERSION")));
+        page.heading("Vehicle").facts(key_facts(vehicle));
+        page.heading("Steady flight").facts(trim_facts(a, found));
         page.heading("Modes of the vehicle alone")
-            .table(&modes_table(&found.modes, &found.plant))
-            .line(&reach(&found.hidden, &found.plant));
-        page.heading("Gains").table(&gains_table(vehicle, &[(self.gains_name, *self.gains)]));
-        page.heading("Control loop").facts(&loop_facts(self.gains_name, a, found, self.stable));
+            .table(modes_table(&found.modes, &found.plant))
+            .line(reach(&found.hidden, &found.plant));
+        page.heading("Gains").table(gains_table(vehicle, &[(self.gains_name, *self.gains)]));
+        page.heading("Control loop").facts(loop_facts(self.gains_name, a, found, self.stable));
         if self.stable {
-            page.heading("Margins").table(&margins_table(found)).line(
+            page.heading("Margins").table(margins_table(found)).line(
                 "Each of the loop broken at one point while all other paths stay closed. A disk margin is a change of gain and \
                  phase at once: 0.5 stands for a factor of 0.6 to 1.67 or 28°.",
             );
         }
         if let Some(plants) = self.plants {
-            page.heading(plant_box::HEADING).facts(&plant_box::facts(plants)).table(&plant_box::table(plants));
-            plant_box::flaws(plants).iter().for_each(|line| {
-                page.line(line);
-            });
+            plant_box::tell(&mut page, plants);
         }
         let plane = Figure::new("").size(1000.0, 500.0).grid(&[1.0, 1.0], &[1.0]);
         let plane = plane.place((0, 0), (1, 1), loops.nyquist(found)).place((1, 0), (1, 1), figures::poles(found));
-        page.heading("Stability").figure(&plane.svg()?);
+        page.heading("Stability").figure(plane.svg()?);
         self.steps(&mut page)?;
-        page.heading("Loop and sensitivity").figure(&loops.bode(&vehicle.name).svg()?);
-        Ok(page.finish())
+        page.heading("Loop and sensitivity").figure(loops.bode(&vehicle.name).svg()?);
+        Ok(html(&page))
     }
 
     /// Steps of the position along the way and upwards, flown by the whole model.
-    fn steps(&self, page: &mut Html) -> Result<()> {
+    fn steps(&self, page: &mut Page) -> Result<()> {
         let mut figure = Figure::new("").size(1000.0, 300.0).grid(&[1.0, 1.0], &[1.0]);
         let mut facts = Vec::new();
         for (column, (axis, way)) in [(0, "forward"), (2, "upward")].into_iter().enumerate() {
@@ -82,7 +80,7 @@ impl Subject<'_> {
             facts.push(figures_of(&title, &log, axis));
             figure = figure.place((column, 0), (1, 1), figures::step(&title, &log, axis, JUMP));
         }
-        page.heading("Step of the position").figure(&figure.svg()?).facts(&facts);
+        page.heading("Step of the position").figure(figure.svg()?).facts(facts);
         page.line("Flown by the whole model, with limits of rotors and tilt; the margins are of its linear form.");
         Ok(())
     }

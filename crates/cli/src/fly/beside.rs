@@ -2,7 +2,7 @@
 
 use crate::files;
 use crate::page::{Page, length, short};
-use crate::table::{Align, Table, number};
+use crate::table::{Table, number};
 use omnidrones::error::{Error, Result};
 use omnidrones::flight::{FlightLog, FlightSummary};
 use omnidrones_plot::Figure;
@@ -88,12 +88,7 @@ fn apart(a: &FlightLog, b: &FlightLog) -> f64 {
 
 impl Comparison {
     pub fn page(&self, page: &mut Page, flight: &FlightSummary) {
-        let mut table = Table::new(&[
-            ("flight", Align::Left),
-            ("tracking RMSE", Align::Right),
-            ("largest error", Align::Right),
-            ("largest tilt", Align::Right),
-        ]);
+        let mut table = Table::new("flight | >tracking RMSE | >largest error | >largest tilt");
         for (name, s) in [(NEW, flight), (self.name.as_str(), &self.earlier)] {
             let tilt = format!("{}°", number(s.max_tilt.map(f64::to_degrees), 1));
             table.row([name.to_string(), length(s.rmse), length(s.max_error), tilt]);
@@ -106,7 +101,7 @@ impl Comparison {
         let changes = [(flight.rmse, e.rmse), (flight.max_error, e.max_error), (flight.max_tilt, e.max_tilt)]
             .map(|(a, b)| change(a, b));
         table.row(std::iter::once("change".to_string()).chain(changes));
-        page.heading("Beside an earlier flight").table(&table);
+        page.heading("Beside an earlier flight").table(table);
         if flight.rmse_after > 0.0 {
             page.line(format!("  errors after the first {} s of each", flight.rmse_after));
         }

@@ -1,7 +1,7 @@
 //! Derivatives of what was flown: certificates at one step, the gradient of the error through all of them.
 
 use crate::page::{Page, duration, short};
-use crate::table::{Align, Table, number};
+use crate::table::{Table, number};
 use omnidrones::autodiff::{Bounds, Certificate, JacobianScratch, System, certify, jacobian};
 use omnidrones::controllers::design::{GainSensitivity, LoopModel, Stability, TrimTarget, sensitivity, trim};
 use omnidrones::controllers::reference::Hover;
@@ -131,7 +131,7 @@ impl Derivatives {
     pub fn page(&self, page: &mut Page) {
         page.heading("Derivatives of what was flown");
         if !self.certificates.is_empty() {
-            page.table(&self.table());
+            page.table(self.table());
             page.line(self.remark());
             if self.beside_kink {
                 page.line(KINK);
@@ -146,15 +146,8 @@ impl Derivatives {
     }
 
     fn table(&self) -> Table {
-        let mut table = Table::new(&[
-            ("Jacobian of", Align::Left),
-            ("size", Align::Right),
-            ("time", Align::Right),
-            ("adjoint − duals", Align::Right),
-            ("duals − differences", Align::Right),
-            ("Taylor order", Align::Right),
-            ("", Align::Left),
-        ]);
+        let mut table =
+            Table::new("Jacobian of | >size | >time | >adjoint − duals | >duals − differences | >Taylor order | ");
         for row in &self.certificates {
             let c = &row.certificate;
             let order = c.taylor_order.map_or_else(|| "affine".into(), |order| number(order, 3));

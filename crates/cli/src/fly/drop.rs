@@ -78,8 +78,7 @@ pub fn dropped(a: &Arguments, robot: &Robot) -> Result<Report> {
         written.push(path);
     }
     let success = flight.diverged_at.is_none() && !fallen.gained();
-    let text = if a.output.json { format!("{:#}\n", fallen.json(&written)) } else { fallen.page(&written) };
-    Ok(Report { success, text })
+    Ok(Report::told(a.output.json, success, || fallen.json(&written), || fallen.page(&written)))
 }
 
 /// A fall and what it was like in every sample.
@@ -158,7 +157,7 @@ impl<'a> Fallen<'a> {
         )
     }
 
-    fn page(&self, written: &[PathBuf]) -> String {
+    fn page(&self, written: &[PathBuf]) -> Page {
         let [first, last] = self.lost();
         let mut page = Page::new();
         page.title(self.robot.model.name(), &self.robot.origin);
@@ -190,14 +189,9 @@ impl<'a> Fallen<'a> {
         if !steerable(&self.robot.model) {
             page.line("  nobody steers it yet: it falls, rotors idle");
         }
-        page.heading("Drop").facts(&facts);
-        if !written.is_empty() {
-            page.heading("Written");
-            for path in written {
-                page.line(format!("  {}", path.display()));
-            }
-        }
-        page.finish()
+        page.heading("Drop").facts(facts);
+        page.written(written);
+        page
     }
 
     fn csv(&self) -> String {

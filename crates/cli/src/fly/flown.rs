@@ -9,7 +9,7 @@ use crate::failure::Story;
 use crate::npz::Npz;
 use crate::page::{Fact, Page, duration, length, plain_facts, short};
 use crate::sheet::{KeyFigures, key_facts, vector};
-use crate::table::{Align, Table, number};
+use crate::table::{Table, number};
 use crate::{files, progress};
 use omnidrones::controllers::linear::{StepFigures, step_figures};
 use omnidrones::controllers::reference::Hover;
@@ -213,19 +213,19 @@ impl Flown {
         self.summary.duration / self.wall_time.max(1e-9)
     }
 
-    pub fn page(&self, verdict: &std::result::Result<(), String>) -> String {
+    pub fn page(&self, verdict: &std::result::Result<(), String>) -> Page {
         let mut page = Page::new();
         match &self.what {
             What::Vehicle { source, .. } => {
                 source.describe(&mut page);
-                page.heading("Vehicle").facts(&key_facts(&source.vehicle));
+                page.heading("Vehicle").facts(key_facts(&source.vehicle));
             }
             What::Model(robot) => {
                 page.title(robot.model.name(), &robot.origin);
                 page.line(format!("  {}", robot.description));
             }
         }
-        page.heading("Flight").facts(&self.facts());
+        page.heading("Flight").facts(self.facts());
         page.notes("warning:", &self.warnings, 8, "");
         if let (Some(story), What::Vehicle { source, .. }) = (&self.story, &self.what) {
             story.page(&mut page, &source.vehicle, &self.plan);
@@ -237,26 +237,21 @@ impl Flown {
             beside.page(&mut page, &self.summary);
         }
         if !self.joints.is_empty() {
-            let mut table = Table::new(&[("joint", Align::Left), ("largest", Align::Right), ("rms", Align::Right)]);
+            let mut table = Table::new("joint | >largest | >rms");
             for joint in &self.joints {
                 let show = |v: f64| {
                     if joint.turns { format!("{}°", number(v.to_degrees(), 1)) } else { length(v) }
                 };
                 table.row([joint.name.clone()].into_iter().chain(extremes(joint).map(show)));
             }
-            page.heading("Joints").table(&table);
+            page.heading("Joints").table(table);
             page.line("  away from rest; of a universal joint both hinges together");
         }
-        if !self.written.is_empty() {
-            page.heading("Written");
-            for path in &self.written {
-                page.line(format!("  {}", path.display()));
-            }
-        }
+        page.written(&self.written);
         if let Err(reason) = verdict {
             page.line(format!("\nFAILED: {reason}"));
         }
-        page.finish()
+        page
     }
 
     fn facts(&self) -> Vec<Fact> {

@@ -3,13 +3,12 @@
 use super::Telling;
 use crate::environment::EnvArguments;
 use crate::eval::Ready;
-use crate::html::Html;
-use crate::page::{Fact, duration, short};
+use crate::page::{Fact, Page, count, duration, short};
 use crate::replay::{SHOWN, Seen};
 use crate::rollout::{Flown, success};
 use crate::rollout_files;
 use crate::table::{Align, Table};
-use crate::train::{count, results, spec};
+use crate::train::{results, spec};
 use crate::train_plot::{self, Curves};
 use omnidrones::error::Result;
 use omnidrones::rl::TrainConfig;
@@ -17,7 +16,7 @@ use omnidrones::rl::checkpoint::Manifest;
 use omnidrones::rl::log::{self, Line};
 use omnidrones::tasks::registry::{self, Entry};
 use omnidrones::tasks::{Evaluation, Metric, Spec};
-use omnidrones_viewer::{Recording, page};
+use omnidrones_viewer::Recording;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
@@ -126,30 +125,30 @@ pub fn title(runs: &[Told]) -> String {
 }
 
 /// The page of one run or of several.
-pub fn tell(html: &mut Html, runs: &[Told]) -> Result<()> {
+pub fn tell(page: &mut Page, runs: &[Told]) -> Result<()> {
     if let [one] = runs {
-        html.heading("Run").facts(&one.facts());
+        page.heading("Run").facts(one.facts());
     } else {
-        html.heading("Runs");
+        page.heading("Runs");
         for run in runs {
-            html.subheading(&run.name()).facts(&run.facts());
+            page.subheading(&run.name()).facts(run.facts());
         }
     }
-    html.heading("Held-out starts");
-    flown_by(html, runs);
+    page.heading("Held-out starts");
+    flown_by(page, runs);
     if runs.iter().any(|run| !run.lines.is_empty()) {
-        html.heading("Learning curves").figure(&learning(runs).svg()?);
+        page.heading("Learning curves").figure(learning(runs).svg()?);
     }
-    replay(html, runs);
-    html.heading("In flight");
+    replay(page, runs);
+    page.heading("In flight");
     for run in runs {
-        html.figure(&rollout_files::figure(&run.flown).svg()?);
+        page.figure(rollout_files::figure(&run.flown).svg()?);
     }
-    settings(html, runs)
+    settings(page, runs)
 }
 
 /// A table of policies and controllers; of several tasks one each.
-fn flown_by(html: &mut Html, runs: &[Told]) {
+fn flown_by(page: &mut Page, runs: &[Told]) {
     let tasks: BTreeSet<&str> = runs.iter().map(|run| run.entry.name).collect();
     for task in tasks {
         let own = || runs.iter().filter(|run| run.entry.name == task);
@@ -166,11 +165,11 @@ fn flown_by(html: &mut Html, runs: &[Told]) {
         }
         let Some(first) = own().next() else { continue };
         if runs.len() > 1 {
-            html.subheading(task);
+            page.subheading(task);
         }
         let error = first.error.name.replace('_', " ");
-        html.table(&results(&first.error.unit, &rows)).line(success(&first.spec).trim());
-        html.line(&format!("Error: {error}; final: in the last step, also of who crashed."));
+        page.table(results(&first.error.unit, &rows)).line(success(&first.spec));
+        page.line(format!("Error: {error}; final: in the last step, also of who crashed."));
     }
 }
 
@@ -187,20 +186,20 @@ fn learning(runs: &[Told]) -> omnidrones_plot::Figure {
 }
 
 /// The first flights beside each other.
-pub fn replay(html: &mut Html, runs: &[Told]) {
+pub fn replay(page: &mut Page, runs: &[Told]) {
     let flights: Vec<Recording> = runs.iter().take(BESIDE).filter_map(|run| run.recording.clone()).collect();
     if flights.is_empty() {
         return;
     }
-    html.heading("Replay").within("the policy in flight", &page(&title(runs), &flights));
-    html.line("The first four episodes. Drag to turn, wheel to come nearer; space plays, 1 2 3 choose the camera.");
+    page.heading("Replay").within("the policy in flight", omnidrones_viewer::page(&title(runs), &flights));
+    page.line("The first four episodes. Drag to turn, wheel to come nearer; space plays, 1 2 3 choose the camera.");
     if runs.len() > BESIDE {
-        html.line(&format!("The first {BESIDE} of {} runs are shown.", runs.len()));
+        page.line(format!("The first {BESIDE} of {} runs are shown.", runs.len()));
     }
 }
 
 /// Settings that differ: from those that the task has with this algorithm, or between runs; and all of each.
-pub fn settings(html: &mut Html, runs: &[Told]) -> Result<()> {
+pub fn settings(page: &mut Page, runs: &[Told]) -> Result<()> {
     let mut columns: Vec<(String, BTreeMap<String, String>)> =
         runs.iter().map(|run| Ok((run.name(), run.settings()?))).collect::<Result<_>>()?;
     if let [one] = runs {
@@ -208,15 +207,15 @@ pub fn settings(html: &mut Html, runs: &[Told]) -> Result<()> {
         let usual = TrainConfig::for_task(one.entry.name, Some(one.config.algorithm.name()), None)?;
         columns.push(("the task's recipe".into(), dotted(&usual)?));
     }
-    html.heading("Settings");
+    page.heading("Settings");
     let table = differing(&columns);
     if table.is_empty() {
-        html.line(if runs.len() == 1 { "Those of the task's recipe." } else { "The same in all." });
+        page.line(if runs.len() == 1 { "Those of the task's recipe." } else { "The same in all." });
     } else {
-        html.line("Those that differ:").table(&table);
+        page.line("Those that differ:").table(table);
     }
     for run in runs {
-        html.folded(&format!("all settings of {}", run.name()), &run.config.to_toml()?);
+        page.folded(&format!("all settings of {}", run.name()), &run.config.to_toml()?);
     }
     Ok(())
 }
@@ -242,9 +241,7 @@ pub fn dotted(config: &TrainConfig) -> Result<BTreeMap<String, String>> {
 
 /// A row for every setting that is not the same in all columns.
 pub fn differing(columns: &[(String, BTreeMap<String, String>)]) -> Table {
-    let heads = columns.iter().map(|(name, _)| (name.as_str(), Align::Left));
-    let heads: Vec<(&str, Align)> = [("setting", Align::Left)].into_iter().chain(heads).collect();
-    let mut table = Table::new(&heads);
+    let mut table = Table::new("setting").with(Align::Left, columns.iter().map(|(name, _)| name));
     let keys: BTreeSet<&String> = columns.iter().flat_map(|(_, settings)| settings.keys()).collect();
     for key in keys {
         let values: Vec<String> =

@@ -3,9 +3,9 @@
 use super::runs::{self, BESIDE, Told, differing, dotted};
 use super::{Kind, Telling};
 use crate::files;
-use crate::html::Html;
 use crate::over_seeds::{Failure, Outcome};
-use crate::table::{Align, Table};
+use crate::page::Page;
+use crate::table::Table;
 use crate::train::{results, spec};
 use crate::train_all_plot::{self, Learnt};
 use crate::{train_all, train_search, train_seeds};
@@ -27,15 +27,15 @@ pub fn has_rows(folder: &Path) -> bool {
 }
 
 /// The chapter of a folder.
-pub(super) fn tell(html: &mut Html, folder: &Path, kind: &Kind, telling: &Telling) -> Result<()> {
+pub(super) fn tell(page: &mut Page, folder: &Path, kind: &Kind, telling: &Telling) -> Result<()> {
     match kind {
         Kind::Run => {
-            html.heading(&folder.display().to_string());
-            runs::tell(html, &[Told::of(folder, telling)?])
+            page.heading(&folder.display().to_string());
+            runs::tell(page, &[Told::of(folder, telling)?])
         }
-        Kind::Seeds => seeds(html, folder, telling),
-        Kind::Search => search(html, folder, telling),
-        Kind::All => all(html, folder, telling),
+        Kind::Seeds => seeds(page, folder, telling),
+        Kind::Search => search(page, folder, telling),
+        Kind::All => all(page, folder, telling),
     }
 }
 
@@ -58,24 +58,24 @@ struct Seeds {
     failed: Vec<Failure>,
 }
 
-fn seeds(html: &mut Html, folder: &Path, telling: &Telling) -> Result<()> {
+fn seeds(page: &mut Page, folder: &Path, telling: &Telling) -> Result<()> {
     let told: Seeds = read(&folder.join("seeds.json"))?;
     let entry = registry::by_name(&told.task)?;
     let own = |seed: u64| folder.join(format!("s{seed}"));
-    html.heading(&format!("{}: {}, {} seeds", told.task, told.algorithm, told.runs.len()));
+    page.heading(&format!("{}: {}, {} seeds", told.task, told.algorithm, told.runs.len()));
     let Some(first) = told.runs.first() else {
-        html.line("No seed was trained.");
+        page.line("No seed was trained.");
         return Ok(());
     };
     let one = Told::of(&own(first.seed), telling)?;
     let (_, error) = spec(entry, one.config())?;
-    html.table(&train_seeds::table(&error, &told.runs));
-    html.line("± 95 %: half the width of the confidence interval of the mean over seeds, by Student's t.");
+    page.table(train_seeds::table(&error, &told.runs));
+    page.line("± 95 %: half the width of the confidence interval of the mean over seeds, by Student's t.");
     for Failure { seed, why } in &told.failed {
-        html.line(&format!("Seed {seed} failed: {why}"));
+        page.line(format!("Seed {seed} failed: {why}"));
     }
     if let Some(controller) = one.baseline() {
-        html.subheading("Our controller from the same starts").table(&results(&error.unit, [controller]));
+        page.subheading("Our controller from the same starts").table(results(&error.unit, [controller]));
     }
     let curves: Vec<Vec<Line>> = told.runs.iter().filter_map(|run| log::read(own(run.seed)).ok()).collect();
     let learnt = Learnt {
@@ -84,9 +84,9 @@ fn seeds(html: &mut Html, folder: &Path, telling: &Telling) -> Result<()> {
         runs: curves.iter().map(|curve| &curve[..]).collect(),
         controller: one.baseline().map(|(_, e)| e.success),
     };
-    html.figure(&train_all_plot::figure(&[learnt]).svg()?);
-    runs::replay(html, std::slice::from_ref(&one));
-    runs::settings(html, std::slice::from_ref(&one))
+    page.figure(train_all_plot::figure(&[learnt]).svg()?);
+    runs::replay(page, std::slice::from_ref(&one));
+    runs::settings(page, std::slice::from_ref(&one))
 }
 
 /// What a search keeps.
@@ -99,7 +99,7 @@ struct Known {
     failures: Vec<(usize, u64, String)>,
 }
 
-fn search(html: &mut Html, folder: &Path, telling: &Telling) -> Result<()> {
+fn search(page: &mut Page, folder: &Path, telling: &Telling) -> Result<()> {
     let known: Known = read(&folder.join("search.json"))?;
     let name = |k: usize| format!("c{k}");
     let configs: Vec<TrainConfig> = (0..known.candidates.len())
@@ -112,21 +112,21 @@ fn search(html: &mut Html, folder: &Path, telling: &Telling) -> Result<()> {
         let ((i, x), (j, y)) = (key(a), key(b));
         i.cmp(&j).then(x[0].total_cmp(&y[0])).then(x[1].total_cmp(&y[1])).then(b.candidate.cmp(&a.candidate))
     });
-    html.heading(&format!("A search over {} candidates, {} seeds", names.len(), known.seeds.len()));
+    page.heading(&format!("A search over {} candidates, {} seeds", names.len(), known.seeds.len()));
     let Some(best) = best.map(|trial| trial.candidate) else {
-        html.line("No rung of it is over.");
+        page.line("No rung of it is over.");
         return Ok(());
     };
     let told = SearchResult { winner: best, trials: known.trials, failures: known.failures };
-    html.table(&train_search::table(&told, &names)).line(train_search::KEY);
+    page.table(train_search::table(&told, &names)).line(train_search::KEY);
     for (candidate, seed, why) in &told.failures {
-        html.line(&format!("{}, seed {seed}, failed: {why}", names[*candidate]));
+        page.line(format!("{}, seed {seed}, failed: {why}", names[*candidate]));
     }
-    html.figure(&train_search::figure(&told, &names, "Search").svg()?);
+    page.figure(train_search::figure(&told, &names, "Search").svg()?);
     let runs = known.seeds.iter().map(|seed| folder.join(name(best)).join(format!("s{seed}")));
     if let Some(run) = runs.into_iter().find(|run| run.join("checkpoints").is_dir()) {
-        html.heading(&format!("The best: {}", names[best]));
-        runs::tell(html, &[Told::of(&run, telling)?])?;
+        page.heading(&format!("The best: {}", names[best]));
+        runs::tell(page, &[Told::of(&run, telling)?])?;
     }
     Ok(())
 }
@@ -143,20 +143,19 @@ fn named(configs: &[TrainConfig]) -> Result<Vec<String>> {
     Ok((0..configs.len()).map(name).collect())
 }
 
-fn all(html: &mut Html, folder: &Path, telling: &Telling) -> Result<()> {
+fn all(page: &mut Page, folder: &Path, telling: &Telling) -> Result<()> {
     let fly =
         |entry: &'static registry::Entry| telling.baseline(entry, &TrainConfig::for_task(entry.name, None, None).ok()?);
     let lines = train_all::read(folder, &fly);
-    html.heading("Tasks").table(&train_all::table(&lines)).line(&train_all::key(&lines));
-    html.line(
+    page.heading("Tasks").table(train_all::table(&lines)).line(train_all::key(&lines));
+    page.line(
         "Mean over seeds, ± half the width of its 95 % confidence interval (least–largest); indented: our controller.",
     );
     let learnt = train_all::learnt(&lines);
     if !learnt.is_empty() {
-        html.heading("Learning curves").figure(&train_all_plot::figure(&learnt).svg()?);
+        page.heading("Learning curves").figure(train_all_plot::figure(&learnt).svg()?);
     }
-    let heads = ["task", "algorithm", "seeds", "commit", "hash of settings, task and physics"];
-    let mut origins = Table::new(&heads.map(|name| (name, Align::Left)));
+    let mut origins = Table::new("task | algorithm | seeds | commit | hash of settings, task and physics");
     let mut here: Vec<PathBuf> = Vec::new();
     for (cells, runs) in lines.iter().filter_map(|line| line.origin(folder)) {
         origins.row(cells);
@@ -165,11 +164,11 @@ fn all(html: &mut Html, folder: &Path, telling: &Telling) -> Result<()> {
     if telling.replays && !here.is_empty() {
         let plain = Telling { baselines: false, threads: telling.threads.clone(), ..*telling };
         let flown = here.iter().take(BESIDE).map(|run| Told::of(run, &plain)).collect::<Result<Vec<_>>>()?;
-        runs::replay(html, &flown);
+        runs::replay(page, &flown);
         if here.len() > BESIDE {
-            html.line(&format!("The first {BESIDE} of {} tasks whose runs are here.", here.len()));
+            page.line(format!("The first {BESIDE} of {} tasks whose runs are here.", here.len()));
         }
     }
-    html.heading("Where the rows come from").table(&origins);
+    page.heading("Where the rows come from").table(origins);
     Ok(())
 }

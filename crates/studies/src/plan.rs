@@ -1,6 +1,5 @@
 //! What a study compares, as data: rows of tasks by algorithms, and statements that they bear on.
 
-use crate::rows;
 use omnidrones::error::{Error, Result};
 use omnidrones::layers::Layer;
 use omnidrones::rl::TrainConfig;
@@ -70,16 +69,29 @@ pub struct Claim {
 
 /// A row to be trained.
 pub struct Cell {
+    /// Name of its part.
     pub part: String,
     pub algorithm: String,
+    /// What sets it apart from others of its task and algorithm.
     pub setting: String,
     pub config: TrainConfig,
+}
+
+/// An algorithm with what sets a row of it apart.
+pub fn label(algorithm: &str, setting: &str) -> String {
+    if setting.is_empty() { algorithm.into() } else { format!("{algorithm}, {setting}") }
+}
+
+/// With so many times the updates, one at least.
+pub fn budgeted(config: TrainConfig, factor: f64) -> TrainConfig {
+    let updates = (config.updates() as f64 * factor).ceil().max(1.0) as u64;
+    config.with_updates(updates)
 }
 
 impl Cell {
     /// `dqn, joint`.
     pub fn label(&self) -> String {
-        rows::label(&self.algorithm, &self.setting)
+        label(&self.algorithm, &self.setting)
     }
 }
 
@@ -135,7 +147,7 @@ impl Part {
             part: self.name.clone(),
             algorithm: entry.algorithm.clone(),
             setting: entry.setting.clone(),
-            config: rows::budgeted(config, budget),
+            config: budgeted(config, budget),
         })
     }
 }

@@ -14,24 +14,17 @@
 //! Source: Sun, Romero, Foehn, Kaufmann, Scaramuzza, A Comparative Study of Nonlinear MPC and Differential-Flatness-Based Control for
 //! Quadrotor Agile Flight, T-RO 2022 (arXiv 2109.01365).
 
-use super::cascade::Rates;
-use super::closed_loop::{ClosedLoop, Outside};
-use super::controller::Target;
-use super::design::{Corner, truth};
-use super::flight::LOST;
-use super::kinematics::Kinematics;
-use super::parameters::BodyModel;
-use super::position::add_drag;
-use super::reference::{Ellipse, Reference};
-use super::registry::{Setup, controller};
-use super::start::start_on;
-use super::velocity::{VelocityCommand, desired_attitude};
-use super::{Mixer, Orientation};
-use crate::dynamics::spatial::{add, cross, from_matrix, identity, mat_vec};
-use crate::dynamics::vehicle::{Drag, Inertia, Part, Rotor};
-use crate::dynamics::{Disturbance, Effects, Gains, MAX_ROTORS, Physics, Plant, Vehicle};
-use crate::error::Result;
-use crate::parallel::Threads;
+use omnidrones::controllers::controller::Target;
+use omnidrones::controllers::design::Corner;
+use omnidrones::controllers::flight::LOST;
+use omnidrones::controllers::reference::{Ellipse, Reference};
+use omnidrones::controllers::registry::{Setup, controller};
+use omnidrones::controllers::{BodyModel, ClosedLoop, Mixer, Outside, Rates, start_on};
+use omnidrones::dynamics::vehicle::{Drag, Inertia, Part, Rotor};
+use omnidrones::dynamics::{Disturbance, Effects, Gains, MAX_ROTORS, Physics, Plant, Vehicle};
+use omnidrones::error::Result;
+use omnidrones::internals::{flat_wrench, truth};
+use omnidrones::parallel::Threads;
 use serde::Serialize;
 
 /// The published mean error (m) of flatness-based control on the nominal plant over all 144 references: 76 of 0.084 m, 68 of 0.77 m.
@@ -101,34 +94,14 @@ impl TrackingCell {
         let rows: [[f64; 4]; MAX_ROTORS] = mixer.padded()?;
         let lap = 2.0 * std::f64::consts::PI * self.speed / self.acceleration;
         Ok((0..SAMPLES).all(|k| {
-            let wrench = flat_wrench(&body, &reference, SPIN_UP + lap * k as f64 / SAMPLES as f64);
+            let sample = reference.sample(SPIN_UP + lap * k as f64 / SAMPLES as f64);
+            let wrench = flat_wrench(&body, &sample);
             vehicle.rotors.iter().zip(&rows).all(|(rotor, row)| {
                 let thrust: f64 = row.iter().zip(wrench).map(|(p, w)| p * w).sum();
                 (0.0..=rotor.max_thrust()).contains(&thrust)
             })
         }))
     }
-}
-
-/// [T, M] that fly a reference without error.
-fn flat_wrench(body: &BodyModel<f64>, reference: &Reference, time: f64) -> [f64; 4] {
-    let sample = reference.sample(time);
-    let mut state = Kinematics { attitude: identity(), ..Kinematics::at_rest(sample.position) };
-    let mut wanted = Orientation::at_rest([[0.0; 3]; 3]);
-    let mut thrust = 0.0;
-    // drag depends on the attitude that it changes a little
-    for _ in 0..8 {
-        let derivatives = [sample.velocity, sample.acceleration, sample.jerk];
-        let command = add_drag(body, &state, derivatives, &VelocityCommand::along(&sample));
-        let mut force = command.acceleration;
-        force[2] += body.gravity;
-        wanted = Orientation::of_series(desired_attitude(command.force_series(force), command.yaw_series()));
-        state.attitude = from_matrix(wanted.attitude);
-        thrust = body.mass * force.iter().map(|f| f * f).sum::<f64>().sqrt();
-    }
-    let w = wanted.angular_velocity;
-    let moment = add(mat_vec(body.inertia, wanted.angular_acceleration), cross(w, mat_vec(body.inertia, w)));
-    [thrust, moment[0], moment[1], moment[2]]
 }
 
 /// How the plant differs from what its controller believes.
