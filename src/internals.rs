@@ -1,5 +1,8 @@
 //! What the other crates of this workspace use beside the public interface. No promises: it changes without notice.
 
+mod compiled;
+
+pub use self::compiled::{Certified, Timed, ToOrigin, body_poses, contact_forces, energies, step_plant};
 pub use crate::dynamics::contact::force::force as contact_force;
 pub use crate::dynamics::integrate::{Grid, step};
 pub use crate::file_gate::{UNFINISHED_NAME, read_text, remove_unfinished, replace, replace_with};

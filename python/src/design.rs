@@ -60,7 +60,7 @@ pub fn design(
         let linear = ErrorState::of_plant(&plant)?.state_space(&plant, &trim.state, &trim.input, trim.yaw_rate)?;
         let hover = Reference::Hover(Hover { position: [0.0; 3], yaw: 0.0 });
         let closed = ClosedLoop::of_vehicle(&vehicle, physics, &gains, &rates)?.with_latency(latency)?;
-        let model = LoopModel::new(closed, Target::level(&hover), &air, &trim.state)?;
+        let model = LoopModel::of_vehicle(closed, Target::level(&hover), &air, &trim.state)?;
         Ok((trim, linear, model))
     };
     let (trim, linear, model) = py.detach(found).or_raise()?;

@@ -5,6 +5,7 @@ use omnidrones::autodiff::{Scalar, System};
 use omnidrones::dynamics::tree::{Model, Multibody};
 use omnidrones::dynamics::{World, configurations};
 use omnidrones::error::Result;
+use omnidrones::internals::Timed;
 use omnidrones::parallel::Threads;
 use std::hint::black_box;
 
@@ -13,8 +14,8 @@ pub(super) fn run(plan: &BenchPlan, add: &mut dyn FnMut(BenchRow)) -> Result<()>
     for model in configurations::all()? {
         let system = Multibody::new(&model, PHYSICS)?;
         let (x, u) = (aloft(&system), vec![-0.2; system.n_input()]);
-        let wide = step_time::<f64>(plan, &system, &x, &u);
-        let narrow = step_time::<f32>(plan, &system, &x, &u);
+        let wide = step_time(plan, &system, &x, &u, Timed::step_f64);
+        let narrow = step_time(plan, &system, &x, &u, |system, x: &[f32], u, next| system.step(x, u, &[], next));
         let lanes = lane_time(plan, &model, &x)?;
         let n = model.layout().n_velocity();
         for (how, time) in [("f64", wide), ("f32", narrow), ("lanes", lanes)] {
@@ -49,12 +50,18 @@ pub(super) fn aloft(system: &Multibody) -> Vec<f64> {
     x
 }
 
-fn step_time<S: Scalar>(plan: &BenchPlan, system: &Multibody, x: &[f64], u: &[f64]) -> f64 {
+fn step_time<S: Scalar>(
+    plan: &BenchPlan,
+    system: &Multibody,
+    x: &[f64],
+    u: &[f64],
+    step: impl Fn(&Multibody, &[S], &[S], &mut [S]),
+) -> f64 {
     let x: Vec<S> = x.iter().map(|v| S::constant(*v)).collect();
     let u: Vec<S> = u.iter().map(|v| S::constant(*v)).collect();
     let mut next = x.clone();
     seconds(plan.budget / 4, || {
-        system.step(black_box(&x), black_box(&u), &[], &mut next);
+        step(system, black_box(&x), black_box(&u), &mut next);
         black_box(&next);
     })
 }

@@ -6,10 +6,10 @@
 //! time: a steady share of environments resets in every step, which a row of its own tells.
 
 use super::{BenchPlan, BenchRow};
-use omnidrones::autodiff::System;
 use omnidrones::controllers::cascade::Level;
 use omnidrones::dynamics::{Integrator, Plant};
 use omnidrones::error::{Error, Result};
+use omnidrones::internals::step_plant;
 use omnidrones::parallel::Threads;
 use omnidrones::rng::{Purpose, Stream};
 use omnidrones::tasks::registry::Entry;
@@ -232,7 +232,7 @@ impl Bare {
                 self.state.copy_from_slice(&self.rest);
             }
             for _ in 0..self.inner {
-                self.plant.step(black_box(&self.state), &self.input, &[], &mut self.next);
+                step_plant(&self.plant, black_box(&self.state), &self.input, &mut self.next);
                 std::mem::swap(&mut self.state, &mut self.next);
             }
             Ok(())

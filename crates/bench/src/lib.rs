@@ -10,15 +10,13 @@ pub mod learning;
 
 use num_dual::{Dual64, DualSVec64, HyperDual64};
 use omnidrones::autodiff::program::BLOCK;
-use omnidrones::autodiff::{
-    CompiledJacobian, JacobianScratch, Objective, Program, Recording, Rollout, Scalar, System, Trace, jacobian,
-};
+use omnidrones::autodiff::{JacobianScratch, Program, Scalar, System};
 use omnidrones::dynamics::tree::Multibody;
 use omnidrones::dynamics::{
     Disturbance, Effects, Integrator, Multirotor, Physics, RigidModel, RigidState, World, configurations, vehicles,
 };
 use omnidrones::error::Result;
-use omnidrones::internals::{grid, step};
+use omnidrones::internals::{Timed, grid, step};
 use omnidrones::parallel::Threads;
 use serde::Serialize;
 use std::hint::black_box;
@@ -131,18 +129,27 @@ impl Bench {
         seconds(self.plan.budget, call)
     }
 
-    fn step_time<S: Scalar>(&self, of: impl Fn(f64) -> S) -> f64 {
+    fn step_time<S: Scalar>(&self, of: impl Fn(f64) -> S, step: impl Fn(&Multirotor, &[S], &[S], &mut [S])) -> f64 {
         let x: Vec<S> = self.state.iter().map(|v| of(*v)).collect();
         let u: Vec<S> = self.input.iter().map(|v| of(*v)).collect();
         let mut next = x.clone();
         self.seconds(|| {
-            self.system.step(black_box(&x), black_box(&u), &[], &mut next);
+            step(&self.system, black_box(&x), black_box(&u), &mut next);
             black_box(&next);
         })
     }
 
+    /// The same of the model of four rotors alone: over scalars of this crate, which compiles them.
+    fn model_time<S: Scalar>(&self, of: impl Fn(f64) -> S) -> f64 {
+        let model = RigidModel::<f64, 4>::new(self.system.vehicle(), PHYSICS.dt).cast::<S>();
+        let (grid, air) = (grid(&PHYSICS), Disturbance::none());
+        self.step_time(of, |_, x, u, next| {
+            step(&model, Effects::lean(), grid, &RigidState::read(x), &[0, 1, 2, 3].map(|i| u[i]), &air).write(next);
+        })
+    }
+
     fn steps(&self, add: &mut dyn FnMut(BenchRow)) -> Plain {
-        let plain = Plain { f64: self.step_time(|v| v), f32: 0.0 };
+        let plain = Plain { f64: self.step_time(|v| v, Timed::step_f64), f32: 0.0 };
         let plain = Plain { f32: self.plain_loop(), ..plain };
         let mut row = |name: &str, time: f64| {
             let ratio = Some(time / plain.f64);
@@ -157,9 +164,9 @@ impl Bench {
         };
         row("f64", plain.f64);
         row("f32, RK4, 4096 vehicles in a plain loop, each", plain.f32);
-        row("Dual64 (one direction)", self.step_time(Dual64::from));
-        row("DualSVec64<4> (four directions)", self.step_time(DualSVec64::<4>::from));
-        row("HyperDual64 (second derivative)", self.step_time(HyperDual64::from));
+        row("Dual64 (one direction)", self.step_time(Dual64::from, Timed::step_dual));
+        row("DualSVec64<4> (four directions)", self.model_time(DualSVec64::<4>::from));
+        row("HyperDual64 (second derivative)", self.model_time(HyperDual64::from));
         plain
     }
 
@@ -217,11 +224,11 @@ impl Bench {
 
     fn derivatives(&self, plain: f64, add: &mut dyn FnMut(BenchRow)) -> Result<()> {
         let (n, m) = (self.system.n_state(), self.system.n_input());
-        let plain = plain.min(self.step_time(|v| v));
+        let plain = plain.min(self.step_time(|v| v, Timed::step_f64));
         let mut scratch = JacobianScratch::new(&self.system);
         let mut columns = vec![0.0; n * (n + m)];
         let time = self.seconds(|| {
-            jacobian(&self.system, black_box(&self.state), &self.input, &[], &mut scratch, &mut columns);
+            self.system.jacobian(black_box(&self.state), &self.input, &mut scratch, &mut columns);
             black_box(&columns);
         });
         let row = |name: String, value: f64, unit, ratio: f64| BenchRow {
@@ -234,7 +241,7 @@ impl Bench {
         };
         add(row(format!("{n}×{} Jacobian, Dual64 columns", n + m), time * 1e6, "µs", time / plain));
 
-        let mut compiled = CompiledJacobian::new(&self.system)?;
+        let mut compiled = self.system.compiled_jacobian()?;
         let time = self.seconds(|| {
             compiled.evaluate(black_box(&self.state), &self.input, &[], &mut columns);
             black_box(&columns);
@@ -245,11 +252,7 @@ impl Bench {
             add(self.articulated_jacobian(name)?);
         }
 
-        let recording = Recording::of(n + m, |z| {
-            let mut next = vec![Trace::zero(); n];
-            self.system.step(&z[..n], &z[n..], &[], &mut next);
-            next
-        });
+        let recording = self.system.recording();
         let adjoint = recording.adjoint(0..n + m);
         for (what, recording) in [("step", recording), ("adjoint", adjoint)] {
             let program = Program::compile(&recording)?;
@@ -282,12 +285,12 @@ impl Bench {
         let system = Multibody::new(&configurations::by_name(name)?, PHYSICS)?;
         let (x, u) = (articulated::aloft(&system), vec![-0.2; system.n_input()]);
         let (n, m) = (x.len(), u.len());
-        let (mut scratch, mut compiled) = (JacobianScratch::new(&system), CompiledJacobian::new(&system)?);
+        let (mut scratch, mut compiled) = (JacobianScratch::new(&system), system.compiled_jacobian()?);
         let mut columns = vec![0.0; n * (n + m)];
         let (mut slow, mut fast) = (f64::INFINITY, f64::INFINITY);
         for _ in 0..4 {
             slow = slow.min(seconds(self.plan.budget / 8, || {
-                jacobian(&system, black_box(&x), &u, &[], &mut scratch, &mut columns);
+                system.jacobian(black_box(&x), &u, &mut scratch, &mut columns);
                 black_box(&columns);
             }));
             fast = fast.min(seconds(self.plan.budget / 8, || {
@@ -313,7 +316,7 @@ impl Bench {
     }
 
     /// A rollout and its gradient, which take turns.
-    fn gradient<F: System + Clone>(
+    fn gradient<F: Timed>(
         &self,
         of: &str,
         system: &F,
@@ -322,17 +325,16 @@ impl Bench {
         add: &mut dyn FnMut(BenchRow),
     ) -> Result<()> {
         let horizon = 500;
-        let rollout = Rollout::new(system.clone(), Distance)?;
+        let mut rollout = system.to_origin()?;
         let inputs = input.repeat(horizon);
-        let mut scratch = rollout.scratch();
-        let (_, mut gradient) = rollout.gradient(state, &inputs, &[]);
+        rollout.gradient(state, &inputs);
         let (mut forward, mut backward) = (f64::INFINITY, f64::INFINITY);
         for _ in 0..4 {
             forward = forward.min(seconds(self.plan.budget / 4, || {
-                black_box(rollout.cost(black_box(state), &inputs, &[]));
+                black_box(rollout.cost(black_box(state), &inputs));
             }));
             backward = backward.min(seconds(self.plan.budget / 4, || {
-                black_box(rollout.gradient_into(&mut scratch, black_box(state), &inputs, &[], &mut gradient));
+                black_box(rollout.gradient(black_box(state), &inputs));
             }));
         }
         let row = |name: String, time: f64| BenchRow {
@@ -346,17 +348,6 @@ impl Bench {
         add(row(format!("{of}{horizon}-step rollout, f64"), forward));
         add(row(format!("{of}gradient over its {} controls, adjoint", inputs.len()), backward));
         Ok(())
-    }
-}
-
-/// Distance from the origin along the way.
-struct Distance;
-impl Objective for Distance {
-    fn stage<S: Scalar>(&self, x: &[S], _: &[S], _: &[S]) -> S {
-        x[0].square() + x[1].square() + x[2].square()
-    }
-    fn terminal<S: Scalar>(&self, x: &[S], _: &[S]) -> S {
-        x[0].square() + x[1].square() + x[2].square()
     }
 }
 

@@ -225,7 +225,7 @@ fn findings(
     let hover = Reference::Hover(Hover { position: [0.0; 3], yaw: 0.0 });
     let model_of = |vehicle: &Vehicle| {
         let closed = ClosedLoop::of_vehicle(vehicle, physics, gains, rates)?.with_latency(latency)?;
-        LoopModel::new(closed, Target::level(&hover), air, &trim.state)
+        LoopModel::of_vehicle(closed, Target::level(&hover), air, &trim.state)
     };
     let model = model_of(vehicle)?;
     let poles = model.poles()?;

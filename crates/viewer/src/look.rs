@@ -2,7 +2,8 @@
 
 use omnidrones::dynamics::shape::{Geometry, Shape};
 use omnidrones::dynamics::spatial::from_matrix;
-use omnidrones::dynamics::tree::{Model, body_poses, contact_forces};
+use omnidrones::dynamics::tree::Model;
+use omnidrones::internals::{body_poses, contact_forces};
 use omnidrones::dynamics::{GRAVITY, Plant, Rotor};
 use omnidrones_plot::model::{ROTOR_RADIUS, struts};
 use serde::Serialize;

@@ -17,6 +17,7 @@ use crate::controllers::linear::disk::{bound_at, disk_margin_of, folded_disk_mar
 use crate::controllers::linear::state_space::{beside, stacked};
 use crate::controllers::linear::swept::Swept;
 use crate::controllers::linear::{DiskMargin, Signal, StateSpace, eigenvalues, minimal, spectral_radius};
+use crate::controllers::CascadeLaw;
 use crate::dynamics::Disturbance;
 use crate::error::{Error, Result};
 use nalgebra::{Complex, ComplexField, DMatrix};
@@ -79,6 +80,19 @@ impl LoopModel {
     pub const MOST_DELAY: usize = 128;
     /// Most steps of a period of all rates: margins of all commands together are of matrices that grow with it.
     pub const MOST_PERIOD: usize = 128;
+
+    /// [`LoopModel::new`] of a vehicle under its cascade.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn of_vehicle(
+        closed: ClosedLoop<Running<CascadeLaw>>,
+        target: Target<'_>,
+        air: &Disturbance<f64>,
+        start: &[f64],
+    ) -> Result<Self> {
+        Self::new(closed, target, air, start)
+    }
 
     /// The model of a loop that holds a target that stands still, in steady air, from a state of the plant near that flight: the
     /// loop is flown until it is steady, then one period of all its rates is linearised by duals. Motors answer with the longer of

@@ -2,12 +2,13 @@
 
 use crate::page::{Page, duration, short};
 use crate::table::{Table, number};
-use omnidrones::autodiff::{Bounds, Certificate, JacobianScratch, System, certify, jacobian};
+use omnidrones::autodiff::{Bounds, Certificate, JacobianScratch, System};
 use omnidrones::controllers::design::{GainSensitivity, LoopModel, Stability, TrimTarget, sensitivity, trim};
 use omnidrones::controllers::reference::Hover;
 use omnidrones::controllers::{ClosedLoop, Flight, FlightPlan, Reference, SmoothPoint, Target};
 use omnidrones::dynamics::{Disturbance, Gains, Plant, Vehicle};
 use omnidrones::error::{Error, Result};
+use omnidrones::internals::Certified;
 use serde_json::{Value, json};
 use std::time::Instant;
 
@@ -70,8 +71,8 @@ impl Derivatives {
         let SmoothPoint { step, state, input, air, .. } = beside.as_ref().unwrap_or(&flight.smoothest);
         system.write_input(*step, Target { reference: &plan.reference, tilt: &plan.tilt }, air, &mut outside);
         let body = &state[..plant.n_state()];
-        let step = d.small_enough(certified("one step of the vehicle", plant, body, input, &[]))?;
-        let closed = certified("one step of the closed loop", &system, state, &outside, &system.parameters());
+        let step = d.small_enough(certified("one step of the vehicle", plant, [body, input, &[]]))?;
+        let closed = certified("one step of the closed loop", &system, [state, &outside, &system.parameters()]);
         let closed = d.small_enough(closed)?;
         d.certificates.extend(step.into_iter().chain(closed));
         d.go_through(vehicle, gains, plan)?;
@@ -205,7 +206,7 @@ fn unstable(vehicle: &Vehicle, gains: &Gains, plan: &FlightPlan) -> Result<Optio
     let Ok(trim) = trim(&Plant::of_vehicle(vehicle, physics)?, &TrimTarget::hover()) else { return Ok(None) };
     let hover = Reference::Hover(Hover { position: [0, 1, 2].map(|k| trim.state[k]), yaw: 0.0 });
     let closed = ClosedLoop::of_vehicle(vehicle, physics, gains, &plan.rates)?.with_latency(plan.latency)?;
-    let model = match LoopModel::new(closed, Target::level(&hover), &Disturbance::none(), &trim.state) {
+    let model = match LoopModel::of_vehicle(closed, Target::level(&hover), &Disturbance::none(), &trim.state) {
         Ok(model) => model,
         Err(Error::Value { value, .. }) => return Ok(Some(value)),
         Err(e) => return Err(e),
@@ -216,16 +217,16 @@ fn unstable(vehicle: &Vehicle, gains: &Gains, plan: &FlightPlan) -> Result<Optio
     })
 }
 
-fn certified<F: System>(what: &'static str, system: &F, x: &[f64], u: &[f64], theta: &[f64]) -> Result<Row> {
-    let certificate = certify(system, x, u, theta)?;
-    let (rows, columns) = (system.n_state(), x.len() + u.len() + theta.len());
+fn certified<F: Certified>(what: &'static str, system: &F, point: [&[f64]; 3]) -> Result<Row> {
+    let certificate = system.certify(point)?;
+    let (rows, columns) = (system.n_state(), point.iter().map(|part| part.len()).sum());
     let mut scratch = JacobianScratch::new(system);
     let mut entries = vec![0.0; rows * columns];
     // the best of a few: other work on the machine only adds
     let mut time = f64::INFINITY;
     for _ in 0..50 {
         let start = Instant::now();
-        jacobian(system, x, u, theta, &mut scratch, &mut entries);
+        system.jacobian(point, &mut scratch, &mut entries);
         time = time.min(start.elapsed().as_secs_f64());
     }
     Ok(Row { what, rows, columns, time, certificate })

@@ -9,8 +9,9 @@ use omnidrones::controllers::registry::steerable;
 use omnidrones::controllers::start::{clearance, start_above};
 use omnidrones::controllers::{Flight, Passive, fly_from};
 use omnidrones::dynamics::configurations;
-use omnidrones::dynamics::tree::{Multibody, check_contact, contact_forces, kinetic_energy, potential_energy};
+use omnidrones::dynamics::tree::{Multibody, check_contact};
 use omnidrones::error::{Error, Result};
+use omnidrones::internals::{contact_forces, energies};
 use omnidrones_plot::robot::{Fall, fall};
 use serde_json::{Value, json};
 use std::fmt::Write;
@@ -99,16 +100,16 @@ impl<'a> Fallen<'a> {
         let rows: Vec<&[f64]> = flight.states.chunks_exact(system.rest_state().len()).collect();
         let weight = robot.model.mass() * robot.model.parts().gravity;
         let force = |row: &&[f64]| contact_forces(system, row).iter().map(|f| f[2]).sum::<f64>() / weight;
-        let kinetic = |row: &&[f64]| kinetic_energy(system, row);
+        let energies: Vec<[f64; 2]> = rows.iter().map(|row| energies(system, row)).collect();
         Self {
             robot,
             system,
             flight,
             height,
             clearance: rows.iter().map(|row| clearance(system, row).unwrap_or(f64::NAN)).collect(),
-            energy: rows.iter().map(|row| kinetic(row) + potential_energy(system, row)).collect(),
+            energy: energies.iter().map(|[kinetic, potential]| kinetic + potential).collect(),
             load: rows.iter().map(force).collect(),
-            speed: rows.last().map_or(f64::NAN, |row| (2.0 * kinetic(row) / robot.model.mass()).sqrt()),
+            speed: energies.last().map_or(f64::NAN, |[kinetic, _]| (2.0 * kinetic / robot.model.mass()).sqrt()),
         }
     }
 
