@@ -6,10 +6,11 @@
 //! - DIFFERENCE: starts are on the scaled curve; published ones miss it by up to 0.18 m (defect 21).
 
 use super::declare::Writer;
-use super::task::{Start, eased};
+use super::task::{Start, TaskReference, View, eased};
 use crate::autodiff::{Scalar, StridedView, safe};
-use crate::controllers::reference::{Lemniscate, lemniscate_curve, lemniscate_phase};
+use crate::controllers::reference::{Lemniscate, Reference, lemniscate_curve, lemniscate_phase};
 use crate::dynamics::GRAVITY;
+use crate::dynamics::frame::Frame;
 use crate::dynamics::spatial::{Vec3, add, cross, from_euler, multiply, rotate_back, scale, sub, to_euler};
 use crate::rng::Stream;
 use crate::settings;
@@ -146,6 +147,19 @@ impl TrackPath {
         let mut force = scale(0.5 / self.dt, sub(after, before));
         force[2] += GRAVITY;
         (safe::normalise(force), safe::norm(force) / GRAVITY)
+    }
+
+    /// The path ahead of a body at `position`, where it comes first in the goal.
+    #[inline(always)]
+    pub fn observe_ahead<S: Scalar>(&self, view: &View<'_, S>, position: Vec3<S>, out: &mut impl Writer<S>) {
+        out.field("path", "m, world", "p_ref(k + 5i) − p for i = 0 … 3");
+        self.observe(&view.goal, view.step, 4, position, out);
+    }
+
+    /// The path for who is led along it, where it comes first in the goal.
+    pub fn lead(&self, view: &View<'_, f64>, led: &Frame<f64>) -> TaskReference {
+        let path = self.reference(&view.goal, led.yaw());
+        TaskReference::one(Reference::Lemniscate(path)).of(led.position)
     }
 
     /// p_ref(k + 5i) − `position` for `points` points from i = 0 on.

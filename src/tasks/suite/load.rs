@@ -192,6 +192,12 @@ impl Load {
         [ball[0], ball[1], ball[2] - self.sign * start.goal[0]]
     }
 
+    /// Places the ball at `ball`, the bar upright.
+    pub(super) fn place_upright(&self, start: &mut Start<'_>, ball: Vec3<f64>) {
+        let position = self.drone_of(start, ball);
+        self.place(start, position, [1.0, 0.0, 0.0, 0.0]);
+    }
+
     /// The way of the drone that brings the ball to `target`.
     pub(super) fn reference(&self, view: &View<'_, f64>, target: Vec3<f64>) -> Option<TaskReference> {
         let ball = Frame { attitude: view.drone(0).attitude, ..self.ball(view) };
@@ -357,8 +363,7 @@ impl LoadTrack {
     pub(super) fn ideal(&self, start: &mut Start<'_>) {
         self.load.draw(start);
         let first = self.path.draw(start);
-        let position = self.load.drone_of(start, first);
-        self.load.place(start, position, [1.0, 0.0, 0.0, 0.0]);
+        self.load.place_upright(start, first);
     }
 }
 

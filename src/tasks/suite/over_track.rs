@@ -9,7 +9,6 @@ use super::{
     PathSuccess, PoseLoss, PoseReward, StartAttitude, less, made_of, rate_cost, speed_cost, squared, succeeds_within,
 };
 use crate::autodiff::{Mask, Scalar, safe};
-use crate::controllers::reference::Reference;
 use crate::dynamics::spatial::{Vec3, dot, sub};
 use crate::error::Result;
 use crate::settings;
@@ -20,9 +19,6 @@ use crate::tasks::robot::Robot;
 use crate::tasks::task::{BuiltIn, Start, Task, TaskReference, View};
 use crate::tasks::task_spec::Smoothness;
 use crate::tasks::track_path::{Follow, PATH, PathRange, TrackPath, about_path};
-
-/// Look-ahead points.
-const POINTS: usize = 4;
 
 /// The path of a heavy team.
 pub(super) fn wide_path() -> PathRange {
@@ -80,8 +76,7 @@ impl OverTrack {
     #[inline(always)]
     fn observe_shared<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
         let frame = view.frame(FRAME_BODY);
-        out.field("path", "m, world", "p_ref(k + 5i) − p for i = 0 … 3");
-        self.path.observe(&view.goal, view.step, POINTS, frame.position, out);
+        self.path.observe_ahead(view, frame.position, out);
         let tilt = sub(Self::target_up(view), frame.up());
         out.field("up_error", "-, world", "u_t − u").within(-2.0, 2.0).array(tilt);
         observe_load(view, &FRAME_NAMES, &frame, out);
@@ -159,9 +154,7 @@ impl Task for OverTrack {
     }
 
     fn reference(&self, view: &View<'_, f64>) -> Option<TaskReference> {
-        let led = view.frame(FRAME_BODY);
-        let path = self.path.reference(&view.goal, led.yaw());
-        Some(TaskReference::one(Reference::Lemniscate(path)).of(led.position))
+        Some(self.path.lead(view, &view.frame(FRAME_BODY)))
     }
 
     fn ideal(&self, start: &mut Start<'_>) {

@@ -154,7 +154,6 @@ impl Task for PayloadFlyThrough {
 
     fn ideal(&self, start: &mut Start<'_>) {
         let target = self.draw(start);
-        let position = self.course.load.drone_of(start, target);
-        self.course.load.place(start, position, [1.0, 0.0, 0.0, 0.0]);
+        self.course.load.place_upright(start, target);
     }
 }

@@ -152,7 +152,6 @@ impl Task for InvPendulumFlyThrough {
 
     fn ideal(&self, start: &mut Start<'_>) {
         self.course.draw(start);
-        let position = self.course.load.drone_of(start, self.settings.target);
-        self.course.load.place(start, position, [1.0, 0.0, 0.0, 0.0]);
+        self.course.load.place_upright(start, self.settings.target);
     }
 }

@@ -153,7 +153,6 @@ impl Task for InvPendulumHover {
 
     fn ideal(&self, start: &mut Start<'_>) {
         self.draw(start);
-        let position = self.load.drone_of(start, self.settings.target);
-        self.load.place(start, position, [1.0, 0.0, 0.0, 0.0]);
+        self.load.place_upright(start, self.settings.target);
     }
 }

@@ -11,7 +11,6 @@ use super::{
     speed_cost, succeeds_within, times,
 };
 use crate::autodiff::{Scalar, safe};
-use crate::controllers::reference::Reference;
 use crate::dynamics::spatial::{Vec3, sub};
 use crate::error::Result;
 use crate::settings;
@@ -21,9 +20,6 @@ use crate::tasks::reward::{exponential_kernel, rational_kernel, smooth_norm, sti
 use crate::tasks::robot::Robot;
 use crate::tasks::task::{BuiltIn, Start, Task, TaskReference, View};
 use crate::tasks::track_path::{Follow, TrackPath, about_path};
-
-/// Look-ahead points.
-const POINTS: usize = 4;
 
 settings! {
     /// Settings of [`Track`].
@@ -86,8 +82,7 @@ impl Task for Track {
 
     #[inline(always)]
     fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut impl Writer<S>) {
-        out.field("path", "m, world", "p_ref(k + 5i) − p for i = 0 … 3");
-        self.path.observe(&view.goal, view.step, POINTS, view.drone(0).position, out);
+        self.path.observe_ahead(view, view.drone(0).position, out);
         view.observe_drone(0, out);
         view.observe_clock(out);
     }
@@ -125,9 +120,7 @@ impl Task for Track {
     }
 
     fn reference(&self, view: &View<'_, f64>) -> Option<TaskReference> {
-        let drone = view.drone(0);
-        let path = self.path.reference(&view.goal, drone.yaw());
-        Some(TaskReference::one(Reference::Lemniscate(path)).of(drone.position))
+        Some(self.path.lead(view, &view.drone(0)))
     }
 
     fn ideal(&self, start: &mut Start<'_>) {

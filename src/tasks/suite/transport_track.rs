@@ -14,7 +14,6 @@ use super::transport::{
 };
 use super::{PathSuccess, StartAttitude, less, made_of, succeeds_within};
 use crate::autodiff::{Scalar, safe};
-use crate::controllers::reference::Reference;
 use crate::dynamics::spatial::{Vec3, sub};
 use crate::error::Result;
 use crate::settings;
@@ -24,9 +23,6 @@ use crate::tasks::reward::exponential_kernel;
 use crate::tasks::robot::Robot;
 use crate::tasks::task::{BuiltIn, Start, Task, TaskReference, View};
 use crate::tasks::track_path::{Follow, TrackPath, about_path};
-
-/// Look-ahead points.
-const POINTS: usize = 4;
 
 /// Weights of this task.
 fn reward() -> SteadyReward {
@@ -77,8 +73,7 @@ impl TransportTrack {
     #[inline(always)]
     fn observe_shared<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
         let frame = view.frame(BOX);
-        out.field("path", "m, world", "p_ref(k + 5i) − p for i = 0 … 3");
-        self.path.observe(&view.goal, view.step, POINTS, frame.position, out);
+        self.path.observe_ahead(view, frame.position, out);
         observe_load(view, &BOX_NAMES, &frame, out);
     }
 }
@@ -138,9 +133,7 @@ impl Task for TransportTrack {
     }
 
     fn reference(&self, view: &View<'_, f64>) -> Option<TaskReference> {
-        let led = view.frame(BOX);
-        let path = self.path.reference(&view.goal, led.yaw());
-        Some(TaskReference::one(Reference::Lemniscate(path)).of(led.position))
+        Some(self.path.lead(view, &view.frame(BOX)))
     }
 
     fn ideal(&self, start: &mut Start<'_>) {
