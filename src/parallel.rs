@@ -4,7 +4,6 @@
 //! are bit-identical for any pool.
 
 use crate::error::{Error, Result};
-use rayon::prelude::*;
 use std::sync::{Arc, OnceLock};
 
 /// Most threads of a pool.
@@ -55,22 +54,18 @@ impl Threads {
 
     /// `work(index, item)` for every item, in any order.
     pub fn for_each<T: Send>(&self, items: &mut [T], work: impl Fn(usize, &mut T) + Sync + Send) {
-        match self.pool(items.len()) {
-            Some(pool) => pool.install(|| items.par_iter_mut().enumerate().for_each(|(i, item)| work(i, item))),
-            None => items.iter_mut().enumerate().for_each(|(i, item)| work(i, item)),
-        }
+        self.for_each_chunk(items, 1, |i, chunk| chunk.iter_mut().for_each(|item| work(i, item)));
     }
 
     /// `work(chunk index, chunk)` for consecutive chunks of `size` items, in any order.
     pub fn for_each_chunk<T: Send>(&self, items: &mut [T], size: usize, work: impl Fn(usize, &mut [T]) + Sync + Send) {
-        match self.pool(items.len().div_ceil(size)) {
-            Some(pool) => pool.install(|| items.par_chunks_mut(size).enumerate().for_each(|(i, chunk)| work(i, chunk))),
-            None => items.chunks_mut(size).enumerate().for_each(|(i, chunk)| work(i, chunk)),
+        if !items.is_empty() {
+            self.for_each_part(Chunks { first: 0, items }, size, &|part| work(part.first / size, part.items));
         }
     }
 
     /// `work(part)` for parts of `size` items of something that can be cut in two, in any order. Allocates nothing.
-    pub fn for_each_part<P: Divide>(&self, whole: P, size: usize, work: &(impl Fn(P) + Sync + Send)) {
+    pub fn for_each_part<P: Divide>(&self, whole: P, size: usize, work: &(dyn Fn(P) + Sync)) {
         match self.pool(whole.count().div_ceil(size)) {
             Some(pool) => pool.install(|| in_halves(whole, size, work)),
             None => one_by_one(whole, size, work),
@@ -79,10 +74,9 @@ impl Threads {
 
     /// `work(index)` for every index, results in order.
     pub fn map<T: Send>(&self, n: usize, work: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
-        match self.pool(n) {
-            Some(pool) => pool.install(|| (0..n).into_par_iter().map(work).collect()),
-            None => (0..n).map(work).collect(),
-        }
+        let mut results: Vec<Option<T>> = (0..n).map(|_| None).collect();
+        self.for_each(&mut results, |i, result| *result = Some(work(i)));
+        results.into_iter().flatten().collect()
     }
 }
 
@@ -148,7 +142,23 @@ pub trait Divide: Sized + Send {
     fn divide(self, at: usize) -> (Self, Self);
 }
 
-fn one_by_one<P: Divide>(mut rest: P, size: usize, work: &impl Fn(P)) {
+/// Items from the first on.
+struct Chunks<'a, T> {
+    first: usize,
+    items: &'a mut [T],
+}
+
+impl<T: Send> Divide for Chunks<'_, T> {
+    fn count(&self) -> usize {
+        self.items.len()
+    }
+    fn divide(self, at: usize) -> (Self, Self) {
+        let (items, rest) = self.items.split_at_mut(at);
+        (Self { first: self.first, items }, Self { first: self.first + at, items: rest })
+    }
+}
+
+fn one_by_one<P: Divide>(mut rest: P, size: usize, work: &(dyn Fn(P) + Sync)) {
     while rest.count() > size {
         let (part, behind) = rest.divide(size);
         work(part);
@@ -157,7 +167,7 @@ fn one_by_one<P: Divide>(mut rest: P, size: usize, work: &impl Fn(P)) {
     work(rest);
 }
 
-fn in_halves<P: Divide>(whole: P, size: usize, work: &(impl Fn(P) + Sync + Send)) {
+fn in_halves<P: Divide>(whole: P, size: usize, work: &(dyn Fn(P) + Sync)) {
     if whole.count() <= size {
         return work(whole);
     }

@@ -212,23 +212,30 @@ impl<S> Declaration<S> {
     }
 }
 
+// Each is called from every line of every task: calls keep those lines short.
+
 impl<S: Scalar> Writer<S> for Declaration<S> {
+    #[inline(never)]
     fn number(&mut self, value: S) {
         self.open().size += 1;
         self.numbers.push(value);
     }
+    #[inline(never)]
     fn field(&mut self, name: &'static str, unit: &'static str, meaning: &'static str) -> &mut Self {
         self.fields.push(Field::new(name, 0, unit, meaning));
         self
     }
+    #[inline(never)]
     fn within(&mut self, low: f64, high: f64) -> &mut Self {
         (self.open().low, self.open().high) = (low, high);
         self
     }
+    #[inline(never)]
     fn smoothness(&mut self, smoothness: Smoothness) -> &mut Self {
         self.open().smoothness = smoothness;
         self
     }
+    #[inline(never)]
     fn layout(&mut self, layout: Layout) -> &mut Self {
         self.open().layout = layout;
         self
@@ -236,6 +243,7 @@ impl<S: Scalar> Writer<S> for Declaration<S> {
 }
 
 impl<S: Scalar> Ends<S> for Vec<End> {
+    #[inline(never)]
     fn when(&mut self, name: &'static str, condition: &'static str, _: S::Mask) {
         self.push(End { name: name.into(), condition: condition.into() });
     }
@@ -248,6 +256,7 @@ pub(crate) struct DeclaredLoss<S> {
 }
 
 impl<S: Scalar> Loss<S> for DeclaredLoss<S> {
+    #[inline(never)]
     fn add(&mut self, formula: &'static str, value: S) {
         self.formulas.push(formula.into());
         self.sum.add(formula, value);
