@@ -6,6 +6,7 @@ mod common;
 mod gradients;
 mod multibody_gradients;
 mod one_source;
+mod rng;
 
 use crate::common::measure::larger;
 use omnidrones::autodiff::{Bounds, System, certify};

@@ -2,6 +2,7 @@
 
 mod allocation;
 mod closed_loop;
+mod confidence;
 mod endless;
 mod failure;
 mod flight;
@@ -17,6 +18,7 @@ mod lqr;
 mod mishaps;
 mod over_actuated;
 mod recovery;
+mod references;
 mod robustness;
 mod sensors;
 mod six_axis;

@@ -5,11 +5,15 @@ mod batch;
 #[path = "../common/mod.rs"]
 mod common;
 mod configurations;
+mod contact_material;
 mod fleet;
 mod hover;
 mod multibody;
 mod physics;
 mod poison;
+mod relief;
+mod scenes;
+mod slopes;
 mod tree;
 mod tree_batch;
 mod unit_length;

@@ -5,6 +5,7 @@ mod concurrency;
 mod contract;
 mod events;
 mod gradients;
+mod intervals;
 mod pinball;
 mod probes;
 mod race;

@@ -415,6 +415,4 @@ impl SensorSet {
 #[cfg(test)]
 mod looking_tests;
 #[cfg(test)]
-mod slope_tests;
-#[cfg(test)]
 mod tests;

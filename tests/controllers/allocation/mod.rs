@@ -1,5 +1,6 @@
 //! Bounded allocation: every answer is within its bounds, optimal, and differentiable.
 
+mod active_set;
 mod derivatives;
 mod hard;
 mod lanes;

@@ -94,39 +94,3 @@ impl Rubble {
         Ok(())
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn blocks_reach_above_the_ground_within_the_heap_and_leave_the_circle_free() {
-        for seed in 0..20 {
-            let rubble = Rubble { seed, clear: 0.8, ..Rubble::default() };
-            let scene = rubble.scene().unwrap();
-            let mut highest = 0.0_f64;
-            for obstacle in &scene.obstacles {
-                let shape = &obstacle.shape;
-                let Geometry::Box { size } = shape.geometry else { unreachable!("blocks are boxes") };
-                assert!(size.iter().all(|edge| (0.15..=0.5).contains(edge)));
-                assert!(shape.position[0].abs() <= 2.0 && shape.position[1].abs() <= 2.0);
-                let pose = Pose { position: shape.position, attitude: shape.rotation };
-                assert!(plane_distance(&shape.geometry, &pose, 0.0) <= 0.0, "hangs in the air");
-                highest = highest.max(pose.position[2] + shape.geometry.reach());
-            }
-            let free = Scene { ground: None, ..scene.clone() };
-            for k in 0..16 {
-                let angle = f64::from(k) * PI / 8.0;
-                let p = [0.79 * angle.cos(), 0.79 * angle.sin(), 0.3];
-                assert!(free.distance(&free.nominal_placement(), p) > 0.0);
-            }
-            assert!(highest > 0.2 && highest < 1.0, "{highest}");
-        }
-    }
-
-    #[test]
-    fn a_circle_as_large_as_the_heap_is_refused() {
-        let text = Rubble { clear: 1.9, ..Rubble::default() }.scene().unwrap_err().to_string();
-        assert!(text.starts_with("rubble: clear is 1.9, but it must be at most 1.567 m"), "{text}");
-    }
-}

@@ -66,31 +66,3 @@ impl Terrain {
         within("terrain: incline", self.incline, -60.0, 60.0)
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn hills_are_as_steep_as_asked_and_pass_through_the_origin() {
-        let mut steepest = 0.0_f64;
-        for seed in 0..20 {
-            let scene = Terrain { seed, ..Terrain::default() }.scene().unwrap();
-            let relief = scene.relief.as_ref().unwrap();
-            assert!(scene.distance(&[], [0.0_f64; 3]).abs() < 1e-12);
-            for i in 0..2000 {
-                let (_, [sx, sy]) = relief.rise(0.1 * f64::from(i) - 100.0, 0.07 * f64::from(i * 31 % 1997));
-                steepest = steepest.max(sx.hypot(sy));
-            }
-        }
-        // measured 17.3 of 25 degrees: waves seldom add up
-        println!("steepest {:.1} degrees", steepest.atan().to_degrees());
-        assert!(steepest < 25.0_f64.to_radians().tan() && steepest > 10.0_f64.to_radians().tan());
-    }
-
-    #[test]
-    fn an_incline_that_is_too_steep_with_its_hills_is_refused() {
-        let text = Terrain { incline: 60.0, ..Terrain::default() }.scene().unwrap_err().to_string();
-        assert!(text.starts_with("scene: relief: steepest place is"), "{text}");
-    }
-}

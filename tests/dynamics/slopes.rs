@@ -1,12 +1,11 @@
 //! Claims about slopes of readings: those of differences, and refused where nobody carries them.
 
-use super::cast::World;
-use super::*;
-use crate::dynamics::Frame;
-use crate::dynamics::relief::{Relief, Wave};
-use crate::dynamics::scene::Scene;
-use crate::dynamics::spatial::{Quat, Vec3, add, exponential, multiply};
-use crate::rng::{Purpose, Stream};
+use omnidrones::dynamics::scene::Scene;
+use omnidrones::dynamics::sensors::cast::World;
+use omnidrones::dynamics::sensors::{Eyes, KINDS, Sensor, SensorConfig, Sight, Slope, Truth};
+use omnidrones::dynamics::spatial::{Quat, Vec3, add, exponential, multiply};
+use omnidrones::dynamics::{Frame, Relief, Wave};
+use omnidrones::rng::{Purpose, Stream};
 
 fn config(text: &str) -> SensorConfig {
     toml::from_str(&format!("name = 'a'\n{text}")).unwrap_or_else(|e| panic!("{e}\n{text}"))
