@@ -5,16 +5,21 @@ mod concurrency;
 mod contract;
 mod events;
 mod gradients;
+mod groups;
 mod intervals;
+mod one_drone;
 mod pinball;
 mod probes;
 mod race;
+mod records;
 mod residual;
 mod robustness;
 mod sendable;
 mod sensing;
+mod several_drones;
 #[cfg(debug_assertions)] // products that wrap are told there alone
 mod sizes;
+mod tables;
 mod teams;
 mod transforms;
 

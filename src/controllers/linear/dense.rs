@@ -13,6 +13,13 @@ use faer::linalg::gevd::{GevdParams, gevd_cplx, gevd_scratch};
 use faer::{Auto, Mat, Par, Spec, c64};
 use nalgebra::{Complex, DMatrix};
 
+/// A pole that is nearer to the unit circle, from inside, decays so slowly that it counts as one that does not: to 1/e in a
+/// billion samples.
+pub const ON_CIRCLE: f64 = 1e-9;
+
+/// Numbers below this share of their row or their column are what rounding left of none.
+pub(super) const ROUNDED: f64 = 1e-13;
+
 /// Eigenvalues, largest modulus first.
 ///
 /// # Errors

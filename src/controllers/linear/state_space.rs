@@ -1,16 +1,9 @@
 //! Linear systems with named signals, and their connections.
 
-use super::dense::Complexes;
+use super::dense::{Complexes, ON_CIRCLE, ROUNDED};
 use crate::error::{Error, Result};
 use nalgebra::{Complex, DMatrix};
 use serde::{Deserialize, Serialize};
-
-/// A pole that is nearer to the unit circle, from inside, decays so slowly that it counts as one that does not: to 1/e in a
-/// billion samples.
-pub const ON_CIRCLE: f64 = 1e-9;
-
-/// Numbers below this share of their row or their column are what rounding left of none.
-pub(super) const ROUNDED: f64 = 1e-13;
 
 /// A number that a system holds, takes or gives.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]

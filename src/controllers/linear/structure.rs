@@ -7,9 +7,9 @@
 //!
 //! Source: Rosenbrock 1970; Paige 1981 for the ranks.
 
-use super::dense::{eigenvalues, svd};
-pub use super::state_space::ON_CIRCLE;
-use super::state_space::{ROUNDED, Signal, StateSpace, beside};
+pub use super::dense::ON_CIRCLE;
+use super::dense::{ROUNDED, eigenvalues, svd};
+use super::state_space::{Signal, StateSpace, beside};
 use crate::error::Result;
 use nalgebra::{Complex, DMatrix};
 

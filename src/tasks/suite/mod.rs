@@ -36,10 +36,7 @@ pub mod transport_track;
 pub(crate) mod variants;
 
 #[cfg(test)]
-mod tests_multi;
-
-#[cfg(test)]
-mod tests_single;
+mod tests;
 
 use super::declare::Loss;
 use super::reward::pseudo_huber;

@@ -1,17 +1,6 @@
 //! Claims about the tasks of several drones and of the Dragon.
 
-use super::transport_hover::TransportHover;
-use super::*;
-use crate::autodiff::{StridedView, StridedViewMut};
-use crate::dynamics::contact::distance;
-use crate::dynamics::frame::FRAME;
-use crate::dynamics::shape::{Geometry, Pose, Shape};
-use crate::tasks::any_task::declare;
-use crate::tasks::declare::{Goal, Masks};
-use crate::tasks::robot::Robot;
-use crate::tasks::task::{BuiltIn, MAX_ENDS, MAX_TERMS, streams};
-use crate::tasks::task_spec::total;
-use crate::tasks::{Buffers, Env, EnvConfig, Start, Task, View};
+use omnidrones::tasks::{Buffers, Env, EnvConfig};
 
 /// Name, size of one agent's observation, of the central state, agents.
 const SIZES: [(&str, usize, usize, usize); 10] = [
@@ -66,7 +55,7 @@ fn observations_and_central_states_have_the_sizes_that_are_told() {
         let env = Env::make(name, &config(1, "")).unwrap();
         let spec = env.spec();
         assert_eq!((spec.n_observation, spec.n_central, spec.n_agent), (observation, central, agents), "{name}");
-        assert_eq!(total(&env.task_spec().observation), observation, "{name}");
+        assert_eq!(env.task_spec().observation.iter().map(|field| field.size).sum::<usize>(), observation, "{name}");
     }
     assert_eq!(Env::make("DragonHover", &config(1, "")).unwrap().spec().action.len(), 22);
 }
@@ -109,77 +98,6 @@ fn no_episode_begins_terminated() {
         let ended = buffers.terminated.iter().filter(|t| **t == 1).count();
         assert_eq!(ended, 0, "{name} {task}");
     }
-}
-
-/// Reward terms and ends of a task at its ideal, in `f64`.
-fn at_ideal(task: &impl Task) -> (Vec<f64>, bool) {
-    let (robot, own) = (task.robot(), declare(task).unwrap());
-    let (mut state, mut numbers) = (robot.rest().to_vec(), robot.parameters());
-    let (mut goal, mut task_state) = (vec![0.0; total(&own.goal)], vec![0.0; total(&own.task_state)]);
-    let [reset, draws, once] = streams(1, 2, 3);
-    task.ideal(&mut Start {
-        robot,
-        state: &mut state,
-        goal: Goal::over(&mut goal),
-        task_state: &mut task_state,
-        numbers: &mut numbers,
-        reset,
-        task: draws,
-        once,
-        event_at: f64::INFINITY,
-        difficulty: 1.0,
-    });
-    let mut frames = vec![0.0; robot.n_frame() * FRAME];
-    robot.plant().write_frames(&numbers, &state, &mut frames);
-    let speeds: Vec<f64> = robot.drones().iter().flat_map(|d| d.rotors.iter().map(|r| state[r.speed])).collect();
-    let mut new = task_state.clone();
-    let mut view = View {
-        robot,
-        state: StridedView::of(&state[..]),
-        frames: StridedView::of(&frames[..]),
-        speeds_before: StridedView::of(&speeds[..]),
-        goal: StridedView::of(&goal[..]),
-        task_state: StridedView::of(&task_state[..]),
-        step: 0.0,
-        clock: 0.0,
-    };
-    task.remember(&view, &mut StridedViewMut::of(&mut new).writer(0));
-    view.task_state = StridedView::of(&new[..]);
-    let mut terms = [0.0; MAX_TERMS];
-    task.reward(&view, &mut StridedViewMut::of(&mut terms).writer(0));
-    let mut ends = [false; MAX_ENDS];
-    task.ends(&view, &mut Masks::new(&mut ends));
-    assert!(task.success(&view));
-    (terms[..own.reward.len()].to_vec(), ends.contains(&true))
-}
-
-fn reaches_its_bounds(task: &impl Task) {
-    let (terms, ended) = at_ideal(task);
-    assert!(!ended);
-    for (term, value) in declare(task).unwrap().reward.iter().zip(terms) {
-        if term.name == "effort" {
-            assert!(value > 0.0 && value < term.bound, "effort {value}");
-        } else {
-            assert!((value - term.bound).abs() < 1e-6, "{}: {value} of {}", term.name, term.bound);
-        }
-    }
-}
-
-#[test]
-fn the_ideal_reaches_every_terms_bound() {
-    let c = config(1, "");
-    reaches_its_bounds(&over_hover::OverHover::new(&c).unwrap());
-    reaches_its_bounds(&over_track::OverTrack::new(&c).unwrap());
-    reaches_its_bounds(&over_fly_through::OverFlyThrough::new(&c).unwrap());
-    reaches_its_bounds(&TransportHover::new(&c).unwrap());
-    reaches_its_bounds(&TransportHover::new(&config(1, "n_drone = 6")).unwrap());
-    reaches_its_bounds(&transport_track::TransportTrack::new(&c).unwrap());
-    reaches_its_bounds(&transport_fly_through::TransportFlyThrough::new(&c).unwrap());
-    reaches_its_bounds(&formation::Formation::new(&c).unwrap());
-    reaches_its_bounds(&formation::Formation::new(&config(1, "formation = 'tetragon'")).unwrap());
-    reaches_its_bounds(&dragon_hover::DragonHover::new(&c).unwrap());
-    reaches_its_bounds(&spread::Spread::new(&c).unwrap());
-    reaches_its_bounds(&gate_switch::GateSwitch::new(&c).unwrap());
 }
 
 #[test]
@@ -305,31 +223,6 @@ fn a_team_that_hits_something_anywhere_neither_sinks_in_nor_flies_apart() {
 }
 
 #[test]
-fn slats_fill_the_box_of_a_load() {
-    for task in ["n_drone = 4", "n_drone = 6"] {
-        let free = TransportHover::new(&config(1, task)).unwrap();
-        let among = transport_fly_through::TransportFlyThrough::new(&config(1, task)).unwrap();
-        let shapes = |robot: &Robot| -> Vec<Shape> {
-            robot.model().unwrap().shapes().iter().filter(|s| s.body == Some(0)).map(|s| s.shape).collect()
-        };
-        let (whole, slats) = (shapes(free.robot()), shapes(among.robot()));
-        let Geometry::Box { size } = whole[0].geometry else { panic!("the box is one") };
-        let home = Pose { position: [0.0; 3], attitude: [1.0, 0.0, 0.0, 0.0] };
-        let mut worst = 0.0_f64;
-        for k in 0..27_u32 {
-            // corners, and the middles of edges and faces
-            let at = [k % 3, k / 3 % 3, k / 9].map(f64::from);
-            let point = [0, 1, 2].map(|i| 0.5 * size[i] * (at[i] - 1.0));
-            let gap = |s: &Shape| distance::point(point, &s.geometry, &s.pose(&home));
-            worst = worst.max(slats.iter().map(gap).fold(f64::INFINITY, f64::min));
-        }
-        println!("{} slats leave {worst:.3} m of a corner", slats.len());
-        // √3 − 1 of their radius
-        assert!(slats.len() == 3 && (worst - 0.2 * (3.0_f64.sqrt() - 1.0)).abs() < 1e-9, "{worst}");
-    }
-}
-
-#[test]
 fn starts_are_clear_of_what_stands_in_the_way() {
     for (name, task) in
         [("TransportFlyThrough", "n_drone = 6\nvehicle = 'iris'"), ("OverFlyThrough", "vehicle = 'omav'")]
@@ -374,7 +267,7 @@ fn formations_start_in_different_cells() {
     for environment in 0..512 {
         let state = env.state(environment).unwrap();
         let place = |i: usize| {
-            let at = env.robot().roots()[i];
+            let at = env.robot().model().unwrap().layout().trees[i].state.start;
             [state[at], state[at + 1], state[at + 2]]
         };
         for i in 1..7 {
@@ -410,7 +303,7 @@ fn every_drone_of_a_formation_has_a_point_of_its_own_and_sees_it_where_asked() {
     for environment in 0..64 {
         let (goal, state) = (env.goal(environment).unwrap(), env.state(environment).unwrap());
         for i in 0..7 {
-            let (own, at) = (&goal[3 * i..3 * i + 3], env.robot().roots()[i]);
+            let (own, at) = (&goal[3 * i..3 * i + 3], env.robot().model().unwrap().layout().trees[i].state.start);
             assert!((0..i).all(|j| goal[3 * j..3 * j + 3] != *own), "{goal:?}");
             let seen = &buffers.observation[(7 * environment + i) * env.spec().n_observation..][place.clone()];
             let way = [own[0] - state[at], own[1] - state[at + 1], own[2] + 1.5 - state[at + 2]];

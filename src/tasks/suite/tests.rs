@@ -1,0 +1,130 @@
+//! What only shows from inside.
+
+use super::load::{Load, LoadSettings, Side};
+use super::transport_hover::TransportHover;
+use super::*;
+use crate::autodiff::{StridedView, StridedViewMut};
+use crate::dynamics::contact::distance;
+use crate::dynamics::frame::FRAME;
+use crate::dynamics::shape::{Geometry, Pose, Shape};
+use crate::tasks::declare::{Goal, Masks, declare};
+use crate::tasks::robot::{Inertial, Robot};
+use crate::tasks::task::{BuiltIn, MAX_ENDS, MAX_TERMS, streams};
+use crate::tasks::task_spec::total;
+use crate::tasks::{EnvConfig, Start, Task, View};
+
+fn config(n_env: usize, task: &str) -> EnvConfig {
+    EnvConfig { n_env, task: toml::from_str(task).unwrap(), ..EnvConfig::default() }
+}
+
+#[test]
+fn drawn_mass_properties_are_those_of_the_model_at_its_masses() {
+    let c = config(1, "");
+    for side in [Side::Hanging, Side::Standing] {
+        let own = LoadSettings { vehicle: "iris".into(), length: [0.7; 2], bar_mass: [0.03; 2], ..Default::default() };
+        let load = Load::new(&c, &own, side).unwrap();
+        let bar = load.robot.model().unwrap().body("bar").unwrap();
+        let built = Inertial::read(&load.robot.parameters(), bar);
+        let drawn = load.inertial(0.7, 0.03, built.mass - 0.03);
+        assert!((built.center_of_mass[2] - drawn.center_of_mass[2]).abs() < 1e-12, "{built:?}, {drawn:?}");
+        let (a, b) = (&built.inertia, &drawn.inertia);
+        let off = [a.xx - b.xx, a.yy - b.yy, a.zz - b.zz].into_iter().fold(0.0_f64, |w, d| w.max(d.abs()));
+        assert!(off < 1e-12, "{side:?}: {off:e}");
+    }
+}
+
+/// Reward terms and ends of a task at its ideal, in `f64`.
+fn at_ideal(task: &impl Task) -> (Vec<f64>, bool) {
+    let (robot, own) = (task.robot(), declare(task).unwrap());
+    let (mut state, mut numbers) = (robot.rest().to_vec(), robot.parameters());
+    let (mut goal, mut task_state) = (vec![0.0; total(&own.goal)], vec![0.0; total(&own.task_state)]);
+    let [reset, draws, once] = streams(1, 2, 3);
+    task.ideal(&mut Start {
+        robot,
+        state: &mut state,
+        goal: Goal::over(&mut goal),
+        task_state: &mut task_state,
+        numbers: &mut numbers,
+        reset,
+        task: draws,
+        once,
+        event_at: f64::INFINITY,
+        difficulty: 1.0,
+    });
+    let mut frames = vec![0.0; robot.n_frame() * FRAME];
+    robot.plant().write_frames(&numbers, &state, &mut frames);
+    let speeds: Vec<f64> = robot.drones().iter().flat_map(|d| d.rotors.iter().map(|r| state[r.speed])).collect();
+    let mut new = task_state.clone();
+    let mut view = View {
+        robot,
+        state: StridedView::of(&state[..]),
+        frames: StridedView::of(&frames[..]),
+        speeds_before: StridedView::of(&speeds[..]),
+        goal: StridedView::of(&goal[..]),
+        task_state: StridedView::of(&task_state[..]),
+        step: 0.0,
+        clock: 0.0,
+    };
+    task.remember(&view, &mut StridedViewMut::of(&mut new).writer(0));
+    view.task_state = StridedView::of(&new[..]);
+    let mut terms = [0.0; MAX_TERMS];
+    task.reward(&view, &mut StridedViewMut::of(&mut terms).writer(0));
+    let mut ends = [false; MAX_ENDS];
+    task.ends(&view, &mut Masks::new(&mut ends));
+    assert!(task.success(&view));
+    (terms[..own.reward.len()].to_vec(), ends.contains(&true))
+}
+
+fn reaches_its_bounds(task: &impl Task) {
+    let (terms, ended) = at_ideal(task);
+    assert!(!ended);
+    for (term, value) in declare(task).unwrap().reward.iter().zip(terms) {
+        if term.name == "effort" {
+            assert!(value > 0.0 && value < term.bound, "effort {value}");
+        } else {
+            assert!((value - term.bound).abs() < 1e-6, "{}: {value} of {}", term.name, term.bound);
+        }
+    }
+}
+
+#[test]
+fn the_ideal_reaches_every_terms_bound() {
+    let c = config(1, "");
+    reaches_its_bounds(&over_hover::OverHover::new(&c).unwrap());
+    reaches_its_bounds(&over_track::OverTrack::new(&c).unwrap());
+    reaches_its_bounds(&over_fly_through::OverFlyThrough::new(&c).unwrap());
+    reaches_its_bounds(&TransportHover::new(&c).unwrap());
+    reaches_its_bounds(&TransportHover::new(&config(1, "n_drone = 6")).unwrap());
+    reaches_its_bounds(&transport_track::TransportTrack::new(&c).unwrap());
+    reaches_its_bounds(&transport_fly_through::TransportFlyThrough::new(&c).unwrap());
+    reaches_its_bounds(&formation::Formation::new(&c).unwrap());
+    reaches_its_bounds(&formation::Formation::new(&config(1, "formation = 'tetragon'")).unwrap());
+    reaches_its_bounds(&dragon_hover::DragonHover::new(&c).unwrap());
+    reaches_its_bounds(&spread::Spread::new(&c).unwrap());
+    reaches_its_bounds(&gate_switch::GateSwitch::new(&c).unwrap());
+}
+
+#[test]
+fn slats_fill_the_box_of_a_load() {
+    for task in ["n_drone = 4", "n_drone = 6"] {
+        let free = TransportHover::new(&config(1, task)).unwrap();
+        let among = transport_fly_through::TransportFlyThrough::new(&config(1, task)).unwrap();
+        let shapes = |robot: &Robot| -> Vec<Shape> {
+            robot.model().unwrap().shapes().iter().filter(|s| s.body == Some(0)).map(|s| s.shape).collect()
+        };
+        let (whole, slats) = (shapes(free.robot()), shapes(among.robot()));
+        let Geometry::Box { size } = whole[0].geometry else { panic!("the box is one") };
+        let home = Pose { position: [0.0; 3], attitude: [1.0, 0.0, 0.0, 0.0] };
+        let mut worst = 0.0_f64;
+        for k in 0..27_u32 {
+            // corners, and the middles of edges and faces
+            let at = [k % 3, k / 3 % 3, k / 9].map(f64::from);
+            let point = [0, 1, 2].map(|i| 0.5 * size[i] * (at[i] - 1.0));
+            let gap = |s: &Shape| distance::point(point, &s.geometry, &s.pose(&home));
+            worst = worst.max(slats.iter().map(gap).fold(f64::INFINITY, f64::min));
+        }
+        println!("{} slats leave {worst:.3} m of a corner", slats.len());
+        // √3 − 1 of their radius
+        assert!(slats.len() == 3 && (worst - 0.2 * (3.0_f64.sqrt() - 1.0)).abs() < 1e-9, "{worst}");
+    }
+}
