@@ -5,10 +5,10 @@ mod report;
 
 use self::figures::Loops;
 use self::report::Subject;
-use super::arguments::{FlightArguments, PlotArguments, VehicleArguments, WRITTEN};
+use super::arguments::{FlyerArguments, PlotArguments, WRITTEN};
 use super::page::{Fact, Page, short};
 use super::plant_box::{self, PlantArguments};
-use super::source::{self, Source};
+use super::source::Source;
 use super::table::Table;
 use super::{Report, files, progress};
 use nalgebra::Complex;
@@ -65,13 +65,8 @@ Exit codes: 0 reported, and the loop is stable; 1 it is not, or does not settle;
 #[command(mut_arg("reference", |reference| reference.hide(true)))]
 #[command(mut_arg("plot", |plot| plot.help("Draw loop and sensitivity at every command into this file (.png or .svg)")))]
 pub struct Arguments {
-    /// A built-in vehicle ('omnidrones models' lists them), or a file FILE.toml or FILE.urdf
-    #[arg(value_name = "VEHICLE|FILE")]
-    vehicle: String,
     #[command(flatten)]
-    rotors: VehicleArguments,
-    #[command(flatten)]
-    flight: FlightArguments,
+    flyer: FlyerArguments,
     /// Steady wind [m/s] in which the vehicle holds its place
     #[arg(long, value_name = "X,Y,Z", value_delimiter = ',', allow_hyphen_values = true, help_heading = "Flight")]
     wind: Option<Vec<f64>>,
@@ -108,17 +103,14 @@ struct Findings {
 
 /// Reports.
 pub fn run(a: &Arguments) -> Result<Report> {
-    a.flight.check()?;
+    a.flyer.flight.check()?;
     a.output.check()?;
-    if let Some(given) = &a.flight.reference {
-        let remedy = "Leave it out: linear models are of steady flights.";
-        return Err(Error::value("--reference", given, "none in 'design'", remedy));
-    }
+    a.flyer.refuse_reference("design", "Leave it out: linear models are of steady flights.")?;
     let save = files::model_file(a.save.as_deref(), a.output.force)?;
     check_report(a)?;
-    let source = source::to_use(Some(&a.vehicle), &a.rotors)?;
-    let (gains, gains_name) = a.flight.gains(&source.vehicle)?;
-    let mut physics = a.flight.physics();
+    let source = a.flyer.source()?;
+    let (gains, gains_name) = a.flyer.flight.gains(&source.vehicle)?;
+    let mut physics = a.flyer.flight.physics();
     let air = match a.wind.as_deref() {
         None => Disturbance::none(),
         Some(&[x, y, z]) if [x, y, z].iter().all(|v| v.abs() <= 100.0) => {
@@ -129,7 +121,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
             return Err(Error::value("--wind", format!("{wind:?}"), "three numbers up to 100 m/s", "As 8,0,0."));
         }
     };
-    let rates = a.flight.rates();
+    let rates = a.flyer.flight.rates();
     if a.latency > LoopModel::MOST_DELAY {
         let most = format!("0 to {} steps", LoopModel::MOST_DELAY);
         let remedy = format!("It counts steps of dt, here {} ms, not milliseconds.", short(1e3 * physics.dt, 3));

@@ -2,13 +2,13 @@
 
 use super::page::{Page, percent, short};
 use super::rollout::{Arguments, ControllerName, Ready};
-use super::rollout_files as out;
 use super::table::{Table, number};
 use super::{Report, files, progress};
 use omnidrones::error::{Error, Result};
 use omnidrones::parallel::Threads;
 use omnidrones::tasks::registry::{Entry, REGISTRY};
 use omnidrones::tasks::{EnvConfig, Evaluation};
+use omnidrones_plot::{Bar, Bars, Colour, Figure};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
@@ -46,7 +46,7 @@ pub fn run(a: &Arguments, config: &EnvConfig, threads: &Threads) -> Result<Repor
             ControllerName::Random => "The benchmark tasks under random actions",
             ControllerName::Planner => "The benchmark tasks under plans",
         };
-        out::draw_all(&lines, title, &path)?;
+        draw_all(&lines, title, &path)?;
         written.push(path);
     }
     if a.episodes.output.json {
@@ -148,3 +148,22 @@ fn all_page(lines: &[Line], config: &EnvConfig, written: &[PathBuf]) -> Page {
     page.written(written);
     page
 }
+
+/// The tasks that were flown, side by side.
+fn draw_all(lines: &[Line], title: &str, path: &Path) -> Result<()> {
+    let mut bars = Bars::new("Mean return", "share of the bound: best reward of a step × steps [%]");
+    for (line, e) in lines.iter().filter_map(|line| Some((line, line.flown.as_ref().ok()?))) {
+        let note = format!("%   {} success, {} crashed", percent(e.success), percent(e.crashed));
+        let colour = if e.crashed > CRASHES { Colour::VERMILLION } else { Colour::BLUE };
+        bars = bars.bar(Bar::new(line.name, 100.0 * e.share_of_bound).note(note).colour(colour));
+    }
+    let height = 100.0 + 24.0 * bars.bars.len() as f64;
+    Figure::new(title)
+        .subtitle(format!("vermillion: more than {} of the episodes crashed", percent(CRASHES)))
+        .size(900.0, height)
+        .chart(bars)
+        .save(path)
+}
+
+/// Share of crashes that colours a bar.
+const CRASHES: f64 = 0.05;

@@ -1,12 +1,10 @@
 //! What `rollout` leaves in a folder: figures, and every step and episode as CSV.
 
+use super::episodes::Flown;
 use super::files;
-use super::page::percent;
-use super::rollout::Flown;
-use super::rollout_all::Line;
 use omnidrones::error::{Error, Result};
 use omnidrones::tasks::{ActionSpace, Column, Record, Recorded, Spread};
-use omnidrones_plot::{Bar, Bars, Colour, Figure, Panel, Series};
+use omnidrones_plot::{Colour, Figure, Panel, Series};
 use std::path::{Path, PathBuf};
 
 /// Single environments drawn behind the spread.
@@ -147,25 +145,6 @@ fn reward(record: &Record) -> Panel {
     }
     whole_time(panel, record)
 }
-
-/// The tasks that were flown, side by side.
-pub fn draw_all(lines: &[Line], title: &str, path: &Path) -> Result<()> {
-    let mut bars = Bars::new("Mean return", "share of the bound: best reward of a step × steps [%]");
-    for (line, e) in lines.iter().filter_map(|line| Some((line, line.flown.as_ref().ok()?))) {
-        let note = format!("%   {} success, {} crashed", percent(e.success), percent(e.crashed));
-        let colour = if e.crashed > CRASHES { Colour::VERMILLION } else { Colour::BLUE };
-        bars = bars.bar(Bar::new(line.name, 100.0 * e.share_of_bound).note(note).colour(colour));
-    }
-    let height = 100.0 + 24.0 * bars.bars.len() as f64;
-    Figure::new(title)
-        .subtitle(format!("vermillion: more than {} of the episodes crashed", percent(CRASHES)))
-        .size(900.0, height)
-        .chart(bars)
-        .save(path)
-}
-
-/// Share of crashes that colours a bar.
-const CRASHES: f64 = 0.05;
 
 /// Writes steps.csv and episodes.csv.
 pub fn write_csv(record: &Record, folder: &Path) -> Result<Vec<PathBuf>> {

@@ -2,13 +2,13 @@
 
 mod figure;
 
-use super::arguments::{self, OutputArguments, ThreadArguments};
+use super::arguments::{self, OutputArguments, ThreadArguments, algorithms};
+use super::baseline::compare;
 use super::html::{html, markdown};
 use super::over_seeds::{Failure, shown, spread};
 use super::page::{Block, Page, count, duration, percent, short};
 use super::rows::{self, Row};
 use super::table::Table;
-use super::train::{algorithms, compare};
 use super::{Report, files, over_seeds, progress};
 use omnidrones::error::Result;
 use omnidrones::parallel::Threads;

@@ -1,23 +1,22 @@
 //! `omnidrones train`: a task, a policy from random weights, and what it came to.
 
-use super::arguments::{self, OutputArguments};
+use super::arguments::{self, OutputArguments, algorithms};
+use super::baseline::{MAX_COMPARED, compare, results, spec};
 use super::environment::{self, EnvArguments, usual_vehicle};
+use super::episodes::{SUCCESS, success};
 use super::page::{Fact, Page, count, duration, percent, share_of, short};
-use super::rollout::{SUCCESS, success};
 use super::table::Table;
 use super::train_plot::{self, Curves};
 use super::train_search::{self, axis, combinations};
 use super::train_seeds::{self, Asked};
 use super::{Report, files, progress, replay};
-use clap::builder::PossibleValuesParser;
-use omnidrones::controllers::cascade::Level;
 use omnidrones::error::{Error, Result};
 use omnidrones::layers::{self, Layer};
 use omnidrones::parallel::Threads;
 use omnidrones::rl::trainer::{Progress, TrainResult, Trainer};
-use omnidrones::rl::{Starts, TrainConfig, algorithm, checkpoint};
+use omnidrones::rl::{Starts, TrainConfig, checkpoint};
 use omnidrones::tasks::registry::{self, Entry};
-use omnidrones::tasks::{Autoreset, Baseline, EnvConfig, Evaluation, Metric, Spec, evaluate};
+use omnidrones::tasks::{EnvConfig, Evaluation, Metric, Spec};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -82,9 +81,6 @@ JSON: SI units; shares from 0 to 1; null where a number does not exist.
 
 Exit codes: 0 trained; 1 a seed failed; 2 unusable input or arguments.";
 
-/// Most episodes that a controller flies for comparison: it is slower than a policy.
-const MAX_COMPARED: usize = 256;
-
 /// Arguments of `train`.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = format!("{EXAMPLES}\n\n{SUCCESS}\n\n{FILES}"))]
@@ -131,11 +127,6 @@ pub struct Arguments {
     output: OutputArguments,
     #[command(flatten)]
     environment: EnvArguments,
-}
-
-/// Names that `--algo` takes.
-pub fn algorithms() -> PossibleValuesParser {
-    PossibleValuesParser::new(algorithm::names().into_iter().chain(algorithm::VARIANTS.iter().map(|own| own.name)))
 }
 
 /// Trains.
@@ -363,78 +354,6 @@ fn message(p: &Progress<'_>, rate: f64) -> String {
     let phases = p.phases.iter().filter(|(_, share)| *share > 0.05);
     parts.push(phases.map(|(name, share)| format!("{name} {:.0} %", 100.0 * share)).collect::<Vec<_>>().join(" "));
     parts.join(" · ")
-}
-
-/// What an environment of the run is like, and what the task's error is.
-pub fn spec(entry: &Entry, config: &TrainConfig) -> Result<(Spec, Metric)> {
-    let env = entry.env(&EnvConfig { n_env: 1, ..config.seen_env() })?;
-    let error = env.task_spec().metrics.first().cloned();
-    Ok((env.spec().clone(), error.unwrap_or(Metric { name: "error".into(), unit: "–".into() })))
-}
-
-/// The environments of a run's evaluations for one of our controllers, which acts on the rotors. One that stands beside a policy of
-/// velocities, say, which is asked a few times a second, is asked as often as a rotor must be, for as long.
-pub fn for_controller(entry: &Entry, config: &TrainConfig) -> EnvConfig {
-    let mut env = EnvConfig {
-        n_env: config.evaluate.envs.min(MAX_COMPARED),
-        seed: config.evaluate.seed,
-        first_environment: 0,
-        autoreset: Autoreset::Disabled,
-        control: Level::Rotor,
-        residual: 0.0,
-        actions: Default::default(),
-        observation: Vec::new(),
-        ..config.env.clone().whole_episodes()
-    };
-    let usual = EnvConfig::default();
-    if config.env.control != Level::Rotor && env.dt > usual.dt {
-        if let Ok(made) = entry.env(&EnvConfig { n_env: 1, ..env.clone() }) {
-            let steps = (made.spec().horizon as f64 * env.dt / usual.dt).round();
-            env.task.insert("horizon".into(), (steps as i64).into());
-        }
-        (env.dt, env.control_rate) = (usual.dt, usual.control_rate);
-    }
-    env
-}
-
-/// Our controller from the first of the same starts; none if there is no controller for the task.
-pub fn compare(entry: &Entry, config: &TrainConfig, threads: &Threads) -> Option<(String, Evaluation)> {
-    let env = for_controller(entry, config);
-    let slower = config.env.dt / env.dt;
-    let mut env = entry.env(&env).ok()?;
-    env.set_threads(threads.clone());
-    let mut own = Baseline::new(&env).ok()?;
-    let mut name = own.name().to_string();
-    if slower > 1.0 {
-        name += &format!(", every {} ms", short(1e3 * env.spec().dt, 3));
-    }
-    let mut told = evaluate(&mut env, &mut own.policy(), &mut |_| {}).ok()?;
-    if slower > 1.0 {
-        // sums over steps, as over those of the policy beside it
-        let sums = [&mut told.return_mean, &mut told.return_std, &mut told.length];
-        sums.into_iter().chain(&mut told.terms).for_each(|sum| *sum /= slower);
-    }
-    Some((name, told))
-}
-
-/// Who flew how well, a row each; errors in this unit.
-pub fn results<'a>(unit: &str, flown: impl IntoIterator<Item = &'a (String, Evaluation)>) -> Table {
-    let mut table = Table::new(&format!(
-        "flown by | >success | >crashed | >final error [{unit}] | >mean error [{unit}] | >return | >share of bound | >length"
-    ));
-    for (name, e) in flown {
-        let numbers = [
-            percent(e.success),
-            share_of(e.crashed, e.n_episode),
-            short(e.final_error, 3),
-            short(e.mean_error, 3),
-            short(e.return_mean, 4),
-            percent(e.share_of_bound),
-            short(e.length, 4),
-        ];
-        table.row([name.clone()].into_iter().chain(numbers));
-    }
-    table
 }
 
 /// A run that is over.

@@ -1,12 +1,12 @@
 //! `omnidrones train-all`: every task by its recipe, several seeds, one table beside our controllers.
 
-use super::arguments::{self, OutputArguments, ThreadArguments};
+use super::arguments::{self, OutputArguments, ThreadArguments, algorithms};
+use super::baseline::{FIGURES, compare, spec};
 use super::over_seeds::{Failure, shown, spread};
 use super::page::{Page, count, duration, percent, short};
 use super::rollout_all::told_errors;
 use super::rows::{self, MAX_ROW, Row};
 use super::table::Table;
-use super::train::{algorithms, compare, spec};
 use super::train_all_plot::{self, Learnt};
 use super::{Report, files, over_seeds, progress};
 use omnidrones::error::Result;
@@ -239,18 +239,9 @@ pub fn table(lines: &[Line]) -> Table {
             spread(runs, |run| run.env_steps as f64).map_or("–".into(), |all| count(all.mean)),
         ]);
         if let Some((name, e)) = &line.baseline {
-            table.row([
-                String::new(),
-                name.clone(),
-                percent(e.success),
-                percent(e.crashed),
-                error(e.final_error),
-                error(e.mean_error),
-                short(e.return_mean, 4),
-                percent(e.share_of_bound),
-                "–".into(),
-                "–".into(),
-            ]);
+            let mut figures = FIGURES.map(|(of, show, _)| show(of(e)));
+            figures[2..4].iter_mut().for_each(|figure| *figure += &own);
+            table.row([String::new(), name.clone()].into_iter().chain(figures).chain(["–".into(), "–".into()]));
         }
     }
     table

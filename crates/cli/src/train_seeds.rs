@@ -1,9 +1,9 @@
 //! `train --seeds`: several seeds side by side in one process, and what they say together.
 
+use super::baseline::{FIGURES, spec};
 use super::over_seeds::{Failure, Outcome, split, spread, value};
 use super::page::{Page, count, duration, percent, short};
 use super::table::Table;
-use super::train::spec;
 use super::train_all_plot::{self, Learnt};
 use super::{Report, files, progress};
 use omnidrones::error::{Error, Result};
@@ -111,9 +111,6 @@ fn page(asked: &Asked<'_>, error: &Metric, done: &[Outcome], failed: &[Failure],
     page
 }
 
-/// A figure of an outcome, how it is printed, and by which factor it is printed larger.
-type Figure = (fn(&Outcome) -> f64, fn(f64) -> String, f64);
-
 /// A row per seed, then mean, interval, least and largest.
 pub fn table(error: &Metric, done: &[Outcome]) -> Table {
     let (last, mean) = (format!("final error [{}]", error.unit), format!("mean error [{}]", error.unit));
@@ -121,28 +118,11 @@ pub fn table(error: &Metric, done: &[Outcome]) -> Table {
         "seed | >success | >crashed | >{last} | >{mean} | >return | >share of bound | >time | >env steps"
     ));
     for run in done {
-        let e = &run.evaluation;
-        table.row([
-            run.seed.to_string(),
-            percent(e.success),
-            percent(e.crashed),
-            short(e.final_error, 3),
-            short(e.mean_error, 3),
-            short(e.return_mean, 4),
-            percent(e.share_of_bound),
-            duration(run.seconds),
-            count(run.env_steps as f64),
-        ]);
+        let figures = FIGURES.map(|(of, show, _)| show(of(&run.evaluation)));
+        let cost = [duration(run.seconds), count(run.env_steps as f64)];
+        table.row([run.seed.to_string()].into_iter().chain(figures).chain(cost));
     }
-    let figures: [Figure; 6] = [
-        (|run| run.evaluation.success, percent, 100.0),
-        (|run| run.evaluation.crashed, percent, 100.0),
-        (|run| run.evaluation.final_error, |x| short(x, 3), 1.0),
-        (|run| run.evaluation.mean_error, |x| short(x, 3), 1.0),
-        (|run| run.evaluation.return_mean, |x| short(x, 4), 1.0),
-        (|run| run.evaluation.share_of_bound, percent, 100.0),
-    ];
-    let all = figures.map(|(of, show, scale)| (spread(done, of), show, scale));
+    let all = FIGURES.map(|(of, show, scale)| (spread(done, |run| of(&run.evaluation)), show, scale));
     let mut row = |name: &str, text: &dyn Fn(OverSeeds, fn(f64) -> String, f64) -> String| {
         let cell = |(spread, show, scale): &(Option<OverSeeds>, fn(f64) -> String, f64)| {
             spread.map_or("–".into(), |spread| text(spread, *show, *scale))

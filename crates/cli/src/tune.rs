@@ -1,10 +1,10 @@
 //! `omnidrones tune`: gains by gradients through closed-loop flights, judged on starts that the tuning never saw.
 
-use super::arguments::{self, FlightArguments, OutputArguments, VehicleArguments};
+use super::arguments::{self, FlyerArguments, OutputArguments};
 use super::page::{Fact, Page, duration, length, short};
 use super::sheet::{self, KeyFigures};
 use super::tune_grid::{self, GridArguments};
-use super::{Report, files, progress, source};
+use super::{Report, files, progress};
 use omnidrones::controllers::design::tune::{Evaluation, Iteration, TunePlan, Tuning, tune};
 use omnidrones::controllers::design::{GridCell, Judgement, LoopMargins, MarginGate};
 use omnidrones::controllers::{Flight, FlightPlan, Reference, Share, fly_vehicle};
@@ -56,13 +56,8 @@ Exit codes: 0 better on the held-out starts and cells, none lost, and through th
 #[command(after_long_help = EXAMPLES)]
 #[command(mut_arg("out", |out| arguments::out(out, "Folder for what is written [default: out/VEHICLE]")))]
 pub struct Arguments {
-    /// A built-in vehicle ('omnidrones models' lists them), or a file FILE.toml or FILE.urdf
-    #[arg(value_name = "VEHICLE|FILE")]
-    vehicle: String,
     #[command(flatten)]
-    rotors: VehicleArguments,
-    #[command(flatten)]
-    flight: FlightArguments,
+    flyer: FlyerArguments,
     /// Length of each training flight [s] [default: 6, with --grid 3]
     #[arg(long, value_name = "SECONDS", help_heading = "Flight")]
     duration: Option<f64>,
@@ -109,11 +104,11 @@ pub struct Arguments {
 
 /// Tunes.
 pub fn run(a: &Arguments) -> Result<Report> {
-    a.flight.check()?;
-    let source = source::to_use(Some(&a.vehicle), &a.rotors)?;
+    a.flyer.flight.check()?;
+    let source = a.flyer.source()?;
     let vehicle = &source.vehicle;
-    let (gains, gains_name) = a.flight.gains(vehicle)?;
-    let cells = a.grid.cells(vehicle, &a.flight.physics())?;
+    let (gains, gains_name) = a.flyer.flight.gains(vehicle)?;
+    let cells = a.grid.cells(vehicle, &a.flyer.flight.physics())?;
     let plan = plan(a, &cells)?;
     let folder = a.output.folder(files::default_folder(&vehicle.name))?;
 
@@ -195,7 +190,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     }
     if better {
         let gains = written.first().map_or_else(String::new, |p| p.display().to_string());
-        page.line(format!("Fly with them: omnidrones fly {} --gains {gains}", a.vehicle));
+        page.line(format!("Fly with them: omnidrones fly {} --gains {gains}", a.flyer.vehicle));
     } else {
         page.line(if passes {
             "FAILED: not better on all that was held out, or not without a loss; no gains.toml is written, and one of before is left. Try more --starts, or a smaller --learning-rate"
@@ -209,8 +204,8 @@ pub fn run(a: &Arguments) -> Result<Report> {
 /// What is tuned on: the reference, unless there are cells alone; further ones; half of the cells.
 fn plan(a: &Arguments, cells: &[GridCell]) -> Result<TunePlan> {
     let of = |held_out| cells.iter().filter(move |c| c.flyable && c.held_out == held_out).map(GridCell::reference);
-    let own = cells.is_empty() || a.flight.reference.is_some();
-    let mut references = if own { vec![a.flight.reference()?] } else { Vec::new() };
+    let own = cells.is_empty() || a.flyer.flight.reference.is_some();
+    let mut references = if own { vec![a.flyer.flight.reference()?] } else { Vec::new() };
     for name in &a.also {
         references.push(arguments::reference(name)?);
     }
@@ -226,8 +221,8 @@ fn plan(a: &Arguments, cells: &[GridCell]) -> Result<TunePlan> {
         held_out: of(true).collect(),
         plant_spread: a.randomise,
         duration: a.duration.unwrap_or(default.duration),
-        physics: a.flight.physics(),
-        rates: a.flight.rates(),
+        physics: a.flyer.flight.physics(),
+        rates: a.flyer.flight.rates(),
         n_start: a.starts,
         n_held_out: a.held_out.unwrap_or(default.n_held_out),
         iterations: a.iterations,

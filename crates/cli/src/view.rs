@@ -2,8 +2,8 @@
 
 use super::Report;
 use super::environment::EnvArguments;
+use super::episodes::{SHOWN, Seen};
 use super::page::{Page, duration, shown};
-use super::replay::{SHOWN, Seen};
 use super::shown::{Flier, check_number};
 use omnidrones::error::{Error, Result};
 use omnidrones_viewer::Server;

@@ -2,9 +2,9 @@
 
 use super::arguments::OutputArguments;
 use super::environment::EnvArguments;
+use super::episodes::Seen;
 use super::eval::Ready;
 use super::page::{Page, percent, short};
-use super::replay::Seen;
 use super::rollout_files as out;
 use super::shown::{MAX_SHOWN, check_number};
 use super::{Report, files, progress};

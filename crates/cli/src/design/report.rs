@@ -98,8 +98,8 @@ impl Subject<'_> {
         let plan = FlightPlan {
             reference: Reference::Step(step),
             duration: JUMP + WATCHED,
-            physics: a.flight.physics(),
-            rates: a.flight.rates(),
+            physics: a.flyer.flight.physics(),
+            rates: a.flyer.flight.rates(),
             latency: a.latency,
             wind,
             ..FlightPlan::default()

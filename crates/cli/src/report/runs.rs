@@ -1,14 +1,13 @@
 //! Single runs: one, or several side by side.
 
 use super::Telling;
+use crate::baseline::{results, spec};
 use crate::environment::EnvArguments;
+use crate::episodes::{Flown, SHOWN, Seen, success};
 use crate::eval::Ready;
 use crate::page::{Fact, Page, count, duration, short};
-use crate::replay::{SHOWN, Seen};
-use crate::rollout::{Flown, success};
 use crate::rollout_files;
 use crate::table::{Align, Table};
-use crate::train::{results, spec};
 use crate::train_plot::{self, Curves};
 use omnidrones::error::Result;
 use omnidrones::rl::TrainConfig;

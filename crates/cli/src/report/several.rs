@@ -2,11 +2,11 @@
 
 use super::runs::{self, BESIDE, Told, differing, dotted};
 use super::{Kind, Telling};
+use crate::baseline::{results, spec};
 use crate::files;
 use crate::over_seeds::{Failure, Outcome};
 use crate::page::Page;
 use crate::table::Table;
-use crate::train::{results, spec};
 use crate::train_all_plot::{self, Learnt};
 use crate::{train_all, train_search, train_seeds};
 use omnidrones::error::{Error, Result};
