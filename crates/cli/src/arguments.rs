@@ -1,7 +1,7 @@
 //! Arguments that commands share.
 
 use super::source::{self, Source};
-use super::{files, robot};
+use super::{files, progress, robot};
 use clap::builder::PossibleValuesParser;
 use clap::{Arg, Args, ValueEnum};
 use omnidrones::controllers::{FlightPlan, Rates, Reference};
@@ -11,7 +11,7 @@ use omnidrones::dynamics::{Effects, Gains, Integrator, Physics, Vehicle};
 use omnidrones::error::{Error, Result};
 use omnidrones::parallel::Threads;
 use omnidrones::rl::algorithm;
-use omnidrones_plot::Format;
+use omnidrones_plot::{Figure, Format};
 use std::path::{Path, PathBuf};
 
 /// Which vehicle, and where its rotor data are.
@@ -327,11 +327,47 @@ pub fn out(option: Arg, what: &str) -> Arg {
 }
 
 impl OutputArguments {
-    /// The folder, ready to be written into.
-    pub fn folder(&self, usual: impl Into<PathBuf>) -> Result<PathBuf> {
+    /// The folder, ready to be written into where there are plots to draw or `other` files to write.
+    pub fn open(&self, usual: impl Into<PathBuf>, other: bool) -> Result<Outputs> {
         let folder = self.out.clone().unwrap_or_else(|| usual.into());
-        files::prepare(&folder, self.force)?;
-        Ok(folder)
+        let plots = (!self.no_plots).then(|| self.format.extension());
+        if other || plots.is_some() {
+            files::prepare(&folder, self.force)?;
+        }
+        Ok(Outputs { folder, plots, quiet: self.json, written: Vec::new() })
+    }
+}
+
+/// A folder that a command writes into, and the files that it wrote there.
+pub struct Outputs {
+    pub folder: PathBuf,
+    /// File type of plots, where they are to be drawn.
+    pub plots: Option<&'static str>,
+    quiet: bool,
+    pub written: Vec<PathBuf>,
+}
+
+impl Outputs {
+    /// Draws NAME.png or NAME.svg, unless nothing is to be drawn.
+    pub fn draw(&mut self, name: &str, figure: impl FnOnce() -> Figure) -> Result<()> {
+        let Some(extension) = self.plots else { return Ok(()) };
+        let spinner = progress::spinner("drawing", self.quiet);
+        let drawn = self.put(&format!("{name}.{extension}"), |path| figure().save(path));
+        spinner.finish_and_clear();
+        drawn
+    }
+
+    /// Writes a file of that name.
+    pub fn put(&mut self, name: &str, write: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
+        let path = self.folder.join(name);
+        write(&path)?;
+        self.written.push(path);
+        Ok(())
+    }
+
+    /// Writes a text.
+    pub fn text(&mut self, name: &str, text: impl AsRef<[u8]>) -> Result<()> {
+        self.put(name, |path| files::replace(path, text))
     }
 }
 

@@ -320,8 +320,7 @@ impl Told<'_> {
     ) -> Result<Report> {
         let EpisodeArguments { output, csv, npz, replay, .. } = arguments;
         let logs = *csv || *npz || arguments.mcap();
-        let writes = logs || *replay || !output.no_plots;
-        let folder = if writes { output.folder(self.usual)? } else { PathBuf::new() };
+        let mut outputs = output.open(self.usual, logs || *replay)?;
         let bar = progress::bar(horizon as u64, "flying", output.json);
         let kept = if logs { arguments.trajectories } else { 0 };
         let mut seen = Seen::new(if *replay { SHOWN } else { 0 });
@@ -332,36 +331,24 @@ impl Told<'_> {
             logged.see(watched);
         })?;
         bar.finish_and_clear();
-        let mut written = Vec::new();
-        if !output.no_plots {
-            let path = folder.join(format!("{}.{}", self.command, output.format.extension()));
-            let spinner = progress::spinner("drawing", output.json);
-            out::draw(&flown, &path)?;
-            spinner.finish_and_clear();
-            written.push(path);
-        }
+        outputs.draw(self.command, || out::figure(&flown))?;
         if *csv {
-            written.extend(out::write_csv(&flown.record, &folder)?);
-            let path = folder.join("trajectories.csv");
-            flown.trajectories.write_csv(&path)?;
-            written.push(path);
+            outputs.put("steps.csv", |path| out::write_steps(&flown.record, path))?;
+            outputs.put("episodes.csv", |path| out::write_episodes(&flown.record, path))?;
+            outputs.put("trajectories.csv", |path| flown.trajectories.write_csv(path))?;
         }
         if *npz {
-            let path = folder.join("trajectories.npz");
-            flown.trajectories.write_npz(&path)?;
-            written.push(path);
+            outputs.put("trajectories.npz", |path| flown.trajectories.write_npz(path))?;
         }
         #[cfg(feature = "mcap")]
         if arguments.mcap {
-            let path = folder.join("trajectories.mcap");
-            flown.trajectories.write_mcap(&path, &logged.recording(&flown)?)?;
-            written.push(path);
+            let recording = logged.recording(&flown)?;
+            outputs.put("trajectories.mcap", |path| flown.trajectories.write_mcap(path, &recording))?;
         }
         if *replay {
-            let path = folder.join("replay.html");
-            files::replace(&path, page(&flown.title(), &[seen.recording(&flown)?]))?;
-            written.push(path);
+            outputs.text("replay.html", page(&flown.title(), &[seen.recording(&flown)?]))?;
         }
+        let written = outputs.written;
         Ok(Report::told(output.json, true, || flown.json(self.command, self.by, &written), || flown.page(&written)))
     }
 }

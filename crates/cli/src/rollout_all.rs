@@ -10,7 +10,7 @@ use omnidrones::tasks::registry::{Entry, REGISTRY};
 use omnidrones::tasks::{EnvConfig, Evaluation};
 use omnidrones_plot::{Bar, Bars, Colour, Figure};
 use serde_json::{Value, json};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// A task: its figures, or why it was not flown.
 pub struct Line {
@@ -24,8 +24,7 @@ pub struct Line {
 pub fn run(a: &Arguments, config: &EnvConfig, threads: &Threads) -> Result<Report> {
     // refused once, not by every task
     let plan = if a.controller == ControllerName::Planner { Some(a.plan.config()?) } else { None };
-    let writes = !a.episodes.output.no_plots;
-    let folder = if writes { a.episodes.output.folder(Path::new("out").join("tasks"))? } else { PathBuf::new() };
+    let mut outputs = a.episodes.output.open("out/tasks", false)?;
     let bar = progress::bar(REGISTRY.len() as u64, "", a.episodes.output.json);
     let mut lines = Vec::new();
     for entry in REGISTRY {
@@ -38,17 +37,8 @@ pub fn run(a: &Arguments, config: &EnvConfig, threads: &Threads) -> Result<Repor
         let remedy = "Try one task alone: omnidrones rollout TASK.";
         return Err(Error::value("number of tasks flown", format!("0 ({reason})"), "1 or more", remedy));
     }
-    let mut written = Vec::new();
-    if writes {
-        let path = folder.join(format!("tasks.{}", a.episodes.output.format.extension()));
-        let title = match a.controller {
-            ControllerName::Default => "The benchmark tasks under our controllers",
-            ControllerName::Random => "The benchmark tasks under random actions",
-            ControllerName::Planner => "The benchmark tasks under plans",
-        };
-        draw_all(&lines, title, &path)?;
-        written.push(path);
-    }
+    outputs.draw("tasks", || figure(&lines, a.controller))?;
+    let written = outputs.written;
     if a.episodes.output.json {
         let tasks: Vec<Value> = lines.iter().map(Line::json).collect();
         let value = json!({
@@ -150,7 +140,12 @@ fn all_page(lines: &[Line], config: &EnvConfig, written: &[PathBuf]) -> Page {
 }
 
 /// The tasks that were flown, side by side.
-fn draw_all(lines: &[Line], title: &str, path: &Path) -> Result<()> {
+fn figure(lines: &[Line], controller: ControllerName) -> Figure {
+    let title = match controller {
+        ControllerName::Default => "The benchmark tasks under our controllers",
+        ControllerName::Random => "The benchmark tasks under random actions",
+        ControllerName::Planner => "The benchmark tasks under plans",
+    };
     let mut bars = Bars::new("Mean return", "share of the bound: best reward of a step × steps [%]");
     for (line, e) in lines.iter().filter_map(|line| Some((line, line.flown.as_ref().ok()?))) {
         let note = format!("%   {} success, {} crashed", percent(e.success), percent(e.crashed));
@@ -162,7 +157,6 @@ fn draw_all(lines: &[Line], title: &str, path: &Path) -> Result<()> {
         .subtitle(format!("vermillion: more than {} of the episodes crashed", percent(CRASHES)))
         .size(900.0, height)
         .chart(bars)
-        .save(path)
 }
 
 /// Share of crashes that colours a bar.

@@ -150,7 +150,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     }
     // before any folder is made
     let trainer = Trainer::new(entry.name, config, threads.clone())?;
-    files::prepare(&folder, a.output.force)?;
+    let mut outputs = a.output.open(&folder, true)?;
     if a.output.force && !a.resume {
         files::remove_run(&folder)?;
     }
@@ -172,20 +172,14 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let algorithm = a.algo.clone().unwrap_or_else(|| config.algorithm.name().into());
     let mut trained =
         Trained { entry, spec, error, algorithm, config, was_over, outcome, baseline, notes, written: Vec::new() };
-    if !a.output.no_plots {
-        let path = folder.join(format!("curve.{}", a.output.format.extension()));
-        train_plot::draw(&trained.curves(), &path)?;
-        trained.written.push(path);
-    }
     if a.replay {
-        let path = folder.join("replay.html");
-        files::replace(&path, replay::of_run(&folder)?)?;
-        trained.written.insert(0, path);
+        outputs.text("replay.html", replay::of_run(&folder)?)?;
     }
-    let (path, text) = (folder.join("result.json"), format!("{:#}\n", trained.json()));
-    files::replace(&path, &text)?;
-    let files = ["log.jsonl", "curve.csv", "config.toml"].map(|name| folder.join(name));
-    trained.written.extend(files.into_iter().chain([path]).chain(trained.outcome.checkpoint.clone()));
+    outputs.draw("curve", || train_plot::figure(&trained.curves()))?;
+    trained.written = outputs.written.clone();
+    outputs.text("result.json", format!("{:#}\n", trained.json()))?;
+    let files = ["log.jsonl", "curve.csv", "config.toml", "result.json"].map(|name| folder.join(name));
+    trained.written.extend(files.into_iter().chain(trained.outcome.checkpoint.clone()));
     Ok(Report::told(a.output.json, true, || trained.json(), || trained.page(&folder)))
 }
 
@@ -195,7 +189,6 @@ fn several(a: &Arguments, entry: &Entry, config: &TrainConfig, threads: &Threads
     let n = a.seeds.unwrap_or(if searches { 3 } else { 1 });
     let usual = default_folder(entry, config, a.algo.as_deref())?;
     let what = if searches { "search" } else { "seeds" };
-    let folder = a.output.out.clone().unwrap_or_else(|| PathBuf::from(format!("{}-{what}", usual.display())));
     let settings = |folder: &Path, seed: u64| {
         let fresh = TrainConfig { seed, ..config.clone() };
         let own = own_settings(folder)?.filter(|_| a.resume);
@@ -207,11 +200,9 @@ fn several(a: &Arguments, entry: &Entry, config: &TrainConfig, threads: &Threads
         config,
         settings: &settings,
         seeds: (config.seed..config.seed.saturating_add(n)).collect(),
-        folder,
+        usual: PathBuf::from(format!("{}-{what}", usual.display())),
         resume: a.resume,
-        force: a.output.force,
-        json: a.output.json,
-        plot: (!a.output.no_plots).then(|| a.output.format.extension()),
+        output: &a.output,
     };
     if !searches {
         return train_seeds::run(&asked, threads);

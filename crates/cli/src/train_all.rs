@@ -146,7 +146,8 @@ pub fn run(a: &Arguments) -> Result<Report> {
         [] => REGISTRY.iter().collect(),
         names => names.iter().map(|name| registry::by_name(name)).collect::<Result<Vec<_>>>()?,
     };
-    let folder = a.output.folder("runs/all")?;
+    let mut outputs = a.output.open("runs/all", true)?;
+    let folder = outputs.folder.clone();
     let algorithms = |entry: &Entry| a.algo.as_deref().map_or_else(|| recipes_of(entry.name), |one| vec![one]);
     let trained: Vec<(&'static Entry, Vec<&str>)> = entries.into_iter().map(|e| (e, algorithms(e))).collect();
     let bar = progress::bar(0, "training", a.output.json);
@@ -160,20 +161,11 @@ pub fn run(a: &Arguments) -> Result<Report> {
         }
     }
     bar.finish_and_clear();
-    let mut written = Vec::new();
-    if !a.output.no_plots {
-        written.push(folder.join(format!("curves.{}", a.output.format.extension())));
-        train_all_plot::draw(&learnt(&lines), &written[0])?;
-    }
-    let table = folder.join("table.json");
-    files::replace(&table, format!("{:#}\n", value(&lines, a)))?;
-    written.push(table);
+    outputs.draw("curves", || train_all_plot::figure(&learnt(&lines)))?;
+    outputs.text("table.json", format!("{:#}\n", value(&lines, a)))?;
     let success = lines.iter().all(|line| line.row.as_ref().is_ok_and(|row| row.failed.is_empty()));
-    if a.output.json {
-        return Ok(Report::json(&value(&lines, a), success));
-    }
-    written.push(folder);
-    Ok(Report::page(&page(&lines, a, &written), success))
+    outputs.written.push(folder);
+    Ok(Report::told(a.output.json, success, || value(&lines, a), || page(&lines, a, &outputs.written)))
 }
 
 fn line(

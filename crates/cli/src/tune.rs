@@ -15,7 +15,7 @@ use omnidrones_plot::{Bar, Bars, Colour, Figure, Panel, Series};
 use serde_json::json;
 use std::fmt::Write;
 use std::ops::ControlFlow;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 /// What the command is for.
@@ -110,7 +110,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let (gains, gains_name) = a.flyer.flight.gains(vehicle)?;
     let cells = a.grid.cells(vehicle, &a.flyer.flight.physics())?;
     let plan = plan(a, &cells)?;
-    let folder = a.output.folder(files::default_folder(&vehicle.name))?;
+    let mut outputs = a.output.open(files::default_folder(&vehicle.name), true)?;
 
     let bar = progress::bar(a.iterations as u64, "judging, then tuning", a.output.json);
     bar.enable_steady_tick(Duration::from_millis(200));
@@ -127,22 +127,18 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let held_out = !tuning.is_worse_held_out() && tuning.held_out.is_none_or(|[_, after]| after.crashed == 0);
     let better = passes && held_out && tuning.after.crashed == 0 && tuning.after.rmse < tuning.before.rmse;
     // gains of before, which may be better, are not written over by a tuning that failed
-    let mut written =
-        if better { vec![write_gains(&folder, &plan, vehicle, &gains_name, &tuning)?] } else { Vec::new() };
+    if better {
+        outputs.put("gains.toml", |path| write_gains(path, &plan, vehicle, &gains_name, &tuning))?;
+    }
     if a.replay || !a.output.no_plots {
         let flight = |gains: &Gains| fly_vehicle(vehicle, gains, &nominal(&plan), &mut |_| {});
         let [before, after] = [flight(&gains)?, flight(&tuning.gains)?];
-        if !a.output.no_plots {
-            let path = folder.join(format!("tune.{}", a.output.format.extension()));
-            figure(&vehicle.name, &tuning, &gains, &before, &after).save(&path)?;
-            written.push(path);
-        }
+        outputs.draw("tune", || figure(&vehicle.name, &tuning, &gains, &before, &after))?;
         if a.replay {
-            let path = folder.join("replay.html");
-            files::replace(&path, replay(vehicle, &plan, [("before", &before), ("after", &after)])?)?;
-            written.push(path);
+            outputs.text("replay.html", replay(vehicle, &plan, [("before", &before), ("after", &after)])?)?;
         }
     }
+    let written = outputs.written;
     if a.output.json {
         let value = json!({
             "command": "tune",
@@ -376,8 +372,7 @@ fn facts(plan: &TunePlan, tuning: &Tuning, wall_time: f64) -> Vec<Fact> {
     facts
 }
 
-fn write_gains(folder: &Path, plan: &TunePlan, vehicle: &Vehicle, from: &str, tuning: &Tuning) -> Result<PathBuf> {
-    let path = folder.join("gains.toml");
+fn write_gains(path: &Path, plan: &TunePlan, vehicle: &Vehicle, from: &str, tuning: &Tuning) -> Result<()> {
     let mut text = format!("# Tuned for {:?} by 'omnidrones tune', from gains {from:?}.\n", vehicle.name);
     let _ = writeln!(
         text,
@@ -394,8 +389,7 @@ fn write_gains(folder: &Path, plan: &TunePlan, vehicle: &Vehicle, from: &str, tu
         rule: e.to_string(),
         remedy: "Report this as a bug.".into(),
     })?;
-    files::replace(&path, &text)?;
-    Ok(path)
+    files::replace(path, &text)
 }
 
 /// The descent, the relative change of each gain, and one flight with either set of gains.

@@ -96,7 +96,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     if !a.output.no_plots {
         let [still, errors] = stills(&path, a.output.format.extension());
         replay.figure(n - 1, &scene).save(&still)?;
-        out::draw(&flown, &errors)?;
+        out::figure(&flown).save(&errors)?;
         written.extend([still, errors]);
     }
     let e = &flown.evaluation;

@@ -49,7 +49,7 @@ pub fn dropped(a: &Arguments, robot: &Robot) -> Result<Report> {
     let mut plan = a.flight.plan(Some(a.duration.unwrap_or(3.0)), a.wind.clone(), a.seed)?;
     (plan.physics, plan.reference) = (*system.physics(), Reference::Hover(Hover::default()));
     let n_step = plan.n_step()?;
-    let folder = super::folder(a, robot.model.name())?;
+    let mut outputs = super::outputs(a, robot.model.name())?;
     let bar = progress::bar(n_step, "falling", a.output.json);
     let flight = fly_from(&plant, &mut Passive::new(&plant), &plan, &start, &mut |k| {
         if k % 64 == 0 {
@@ -58,25 +58,16 @@ pub fn dropped(a: &Arguments, robot: &Robot) -> Result<Report> {
     })?;
     bar.finish_and_clear();
     let fallen = Fallen::of(robot, system, &flight, height);
-    let mut written = Vec::new();
-    if !a.output.no_plots {
-        let path = folder.join(format!("drop.{}", a.output.format.extension()));
-        let figure = fall(system, fallen.drawn());
-        figure.subtitle(fallen.subtitle()).save(&path)?;
-        written.push(path);
-    }
+    outputs.draw("drop", || fall(system, fallen.drawn()).subtitle(fallen.subtitle()))?;
     if a.csv {
-        let path = folder.join("drop.csv");
-        files::replace(&path, fallen.csv())?;
-        written.push(path);
+        outputs.text("drop.csv", fallen.csv())?;
     }
     if a.replay {
-        let path = folder.join("replay.html");
         let mut recording = omnidrones_viewer::fall(&plant, &flight);
         recording.remark = format!("falls {height} m, rotors idle");
-        files::replace(&path, omnidrones_viewer::page(&format!("{}: a drop", plant.name()), &[recording]))?;
-        written.push(path);
+        outputs.text("replay.html", omnidrones_viewer::page(&format!("{}: a drop", plant.name()), &[recording]))?;
     }
+    let written = outputs.written;
     let success = flight.diverged_at.is_none() && !fallen.gained();
     Ok(Report::told(a.output.json, success, || fallen.json(&written), || fallen.page(&written)))
 }
