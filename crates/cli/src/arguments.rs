@@ -350,9 +350,12 @@ pub struct Outputs {
 impl Outputs {
     /// Draws NAME.png or NAME.svg, unless nothing is to be drawn.
     pub fn draw(&mut self, name: &str, figure: impl FnOnce() -> Figure) -> Result<()> {
-        let Some(extension) = self.plots else { return Ok(()) };
+        self.plots.map_or(Ok(()), |extension| self.save(&format!("{name}.{extension}"), &figure()))
+    }
+
+    fn save(&mut self, name: &str, figure: &Figure) -> Result<()> {
         let spinner = progress::spinner("drawing", self.quiet);
-        let drawn = self.put(&format!("{name}.{extension}"), |path| figure().save(path));
+        let drawn = self.put(name, |path| figure.save(path));
         spinner.finish_and_clear();
         drawn
     }
@@ -366,8 +369,8 @@ impl Outputs {
     }
 
     /// Writes a text.
-    pub fn text(&mut self, name: &str, text: impl AsRef<[u8]>) -> Result<()> {
-        self.put(name, |path| files::replace(path, text))
+    pub fn text(&mut self, name: &str, text: String) -> Result<()> {
+        self.put(name, |path| files::replace(path, text.as_bytes()))
     }
 }
 

@@ -140,7 +140,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let model = if a.continuous { step.continuous()? } else { step };
     if let Some((file, as_json)) = save {
         let text = if as_json { format!("{:#}\n", model.to_json()) } else { model.to_csv() };
-        files::replace(file, text)?;
+        files::replace(file, text.as_bytes())?;
     }
     if a.json {
         let value = json!({

@@ -389,7 +389,7 @@ fn write_gains(path: &Path, plan: &TunePlan, vehicle: &Vehicle, from: &str, tuni
         rule: e.to_string(),
         remedy: "Report this as a bug.".into(),
     })?;
-    files::replace(path, &text)
+    files::replace(path, text.as_bytes())
 }
 
 /// The descent, the relative change of each gain, and one flight with either set of gains.

@@ -85,7 +85,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
         seen.see(watched);
     })?;
     replay.title = flown.title();
-    files::replace(&web, page(&replay.title, &[seen.recording(&flown)?]))?;
+    files::replace(&web, page(&replay.title, &[seen.recording(&flown)?]).as_bytes())?;
     let n = replay.pictures.len();
     let bar = progress::bar(n as u64, "drawing", a.output.json);
     let scene = replay.scene();
