@@ -1,18 +1,17 @@
 //! Arguments that commands share.
 
+use super::robot;
 use super::source::{self, Source};
-use super::{files, progress, robot};
+use crate::prelude::*;
 use clap::builder::PossibleValuesParser;
 use clap::{Arg, Args, ValueEnum};
 use omnidrones::controllers::{FlightPlan, Rates, Reference};
 use omnidrones::dynamics::aero::wind::{Dryden, Wind};
 use omnidrones::dynamics::tree::Model;
 use omnidrones::dynamics::{Effects, Gains, Integrator, Physics, Vehicle};
-use omnidrones::error::{Error, Result};
 use omnidrones::parallel::Threads;
 use omnidrones::rl::algorithm;
 use omnidrones_plot::{Figure, Format};
-use std::path::{Path, PathBuf};
 
 /// Which vehicle, and where its rotor data are.
 #[derive(Debug, Clone, Args)]

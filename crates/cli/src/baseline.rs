@@ -1,9 +1,7 @@
 //! Our controller from the starts of a run, and figures of evaluations beside each other.
 
-use super::page::{percent, share_of, short};
-use super::table::Table;
+use crate::prelude::*;
 use omnidrones::controllers::cascade::Level;
-use omnidrones::error::Result;
 use omnidrones::parallel::Threads;
 use omnidrones::rl::TrainConfig;
 use omnidrones::tasks::registry::Entry;
@@ -79,13 +77,10 @@ pub fn compare(entry: &Entry, config: &TrainConfig, threads: &Threads) -> Option
 
 /// Who flew how well, a row each; errors in this unit.
 pub fn results<'a>(unit: &str, flown: impl IntoIterator<Item = &'a (String, Evaluation)>) -> Table {
-    let mut table = Table::new(&format!(
+    Table::new(&format!(
         "flown by | >success | >crashed | >final error [{unit}] | >mean error [{unit}] | >return | >share of bound | >length"
-    ));
-    for (name, e) in flown {
-        let mut figures = FIGURES.map(|(of, show, _)| show(of(e)));
+    )).filled(flown.into_iter().map(|(name, e)| {        let mut figures = FIGURES.map(|(of, show, _)| show(of(e)));
         figures[1] = share_of(e.crashed, e.n_episode);
-        table.row([name.clone()].into_iter().chain(figures).chain([short(e.length, 4)]));
-    }
-    table
+[name.clone()].into_iter().chain(figures).chain([short(e.length, 4)])
+}))
 }

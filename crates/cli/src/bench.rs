@@ -3,17 +3,13 @@
 
 use super::arguments::{self, OutputArguments};
 use super::environment::EnvArguments;
-use super::page::{Page, short};
-use super::table::Table;
-use super::{Report, files, progress};
+use crate::prelude::*;
 use omnidrones::autodiff::lane_width;
-use omnidrones::error::{Error, Result};
 use omnidrones::tasks::EnvConfig;
 use omnidrones::tasks::registry::{self, Entry};
 use omnidrones_bench::environment::{self, Case, SIZES};
 use omnidrones_bench::{BenchPlan, BenchRow, learning};
 use omnidrones_plot::{Bar, Bars, Colour, Figure};
-use serde_json::json;
 use std::time::Duration;
 
 /// What the command is for.

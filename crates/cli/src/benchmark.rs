@@ -1,19 +1,14 @@
 //! `omnidrones benchmark`: controllers on the references of a published comparison, beside the published figures.
 
 use super::arguments::{self, OutputArguments, ThreadArguments};
-use super::page::{Page, short};
-use super::table::Table;
-use super::{Report, files, progress};
+use crate::prelude::*;
 use omnidrones::controllers::registry::REGISTRY;
 use omnidrones::dynamics::Plant;
-use omnidrones::error::{Error, Result};
 use omnidrones_plot::{Figure, HeatMap};
 use omnidrones_studies::tracking::{
     ACCELERATIONS, COUNTED, PUBLISHED_OVER_ALL, SPEEDS, Tracking, TrackingCondition, TrackingFlight, TrackingRow,
     physics, quadrotor,
 };
-use serde_json::{Value, json};
-use std::path::PathBuf;
 
 /// What the command is for.
 pub const ABOUT: &str = "\

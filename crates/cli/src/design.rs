@@ -6,11 +6,9 @@ mod report;
 use self::figures::Loops;
 use self::report::Subject;
 use super::arguments::{FlyerArguments, PlotArguments, WRITTEN};
-use super::page::{Fact, Page, short};
 use super::plant_box::{self, PlantArguments};
 use super::source::Source;
-use super::table::Table;
-use super::{Report, files, progress};
+use crate::prelude::*;
 use nalgebra::Complex;
 use omnidrones::controllers::cascade::Rates;
 use omnidrones::controllers::design::{
@@ -21,10 +19,7 @@ use omnidrones::controllers::reference::{Hover, Reference};
 use omnidrones::controllers::{ClosedLoop, Target};
 use omnidrones::dynamics::spatial::to_euler;
 use omnidrones::dynamics::{Disturbance, Gains, Physics, Plant, Vehicle};
-use omnidrones::error::{Error, Result};
-use serde_json::{Value, json};
 use std::f64::consts::PI;
-use std::path::PathBuf;
 
 /// What the command is for.
 pub const ABOUT: &str = "\
@@ -397,23 +392,23 @@ pub fn tidy(value: f64) -> f64 {
 
 /// Rate, frequency, damping and time constant of each mode, and the states that take part most.
 pub fn modes_table(modes: &[Mode], plant: &StateSpace) -> Table {
-    let mut table = Table::new(">rate [1/s] | >frequency [rad/s] | >damping | >time constant [s] | of");
-    for mode in modes {
-        let names: Vec<&str> = mode.states.iter().take(3).map(|(i, _)| plant.states()[*i].name.as_str()).collect();
-        let rate = if mode.rate.im.abs() > 1e-9 {
-            format!("{} ± {}j", short(mode.rate.re, 3), short(mode.rate.im, 3))
-        } else {
-            short(tidy(mode.rate.re), 3)
-        };
-        table.row([
-            rate,
-            short(tidy(mode.frequency), 3),
-            if mode.frequency < NOTHING { "–".into() } else { short(mode.damping, 2) },
-            unlimited(if mode.frequency < NOTHING { f64::INFINITY } else { mode.time_constant }, 3),
-            names.join(", "),
-        ]);
-    }
-    table
+    Table::new(">rate [1/s] | >frequency [rad/s] | >damping | >time constant [s] | of").filled(modes.into_iter().map(
+        |mode| {
+            let names: Vec<&str> = mode.states.iter().take(3).map(|(i, _)| plant.states()[*i].name.as_str()).collect();
+            let rate = if mode.rate.im.abs() > 1e-9 {
+                format!("{} ± {}j", short(mode.rate.re, 3), short(mode.rate.im, 3))
+            } else {
+                short(tidy(mode.rate.re), 3)
+            };
+            [
+                rate,
+                short(tidy(mode.frequency), 3),
+                if mode.frequency < NOTHING { "–".into() } else { short(mode.damping, 2) },
+                unlimited(if mode.frequency < NOTHING { f64::INFINITY } else { mode.time_constant }, 3),
+                names.join(", "),
+            ]
+        },
+    ))
 }
 
 /// A mode for JSON, with the names of a model's states.

@@ -1,19 +1,17 @@
 //! Which environments a command is about: a task, a configuration file, and what options change in it.
 
 use super::arguments::{IntegratorName, VehicleArguments, is_path};
-use super::page::shown;
-use super::{files, source};
+use super::source;
+use crate::prelude::*;
 use clap::{Args, ValueEnum};
 use omnidrones::controllers::cascade::Level;
 use omnidrones::dynamics::{Integrator, vehicles};
-use omnidrones::error::{Error, Result};
 use omnidrones::layers::{self, Layer};
 use omnidrones::rl::TrainConfig;
 use omnidrones::tasks::config::TILTING;
 use omnidrones::tasks::randomise::{Action, Distribution, Time};
 use omnidrones::tasks::registry::{self, Entry};
 use omnidrones::tasks::{Change, Env, EnvConfig, Quantity, TaskSpec};
-use std::path::PathBuf;
 use toml::Value;
 
 /// How environments are set up. Options win over the file, the file over the task's own defaults.

@@ -2,19 +2,16 @@
 
 use super::arguments::{OutputArguments, ThreadArguments};
 use super::environment::EnvArguments;
-use super::page::{Fact, Page, duration, percent, plain_facts, share_of, short};
+use super::page::plain_facts;
 use super::rollout_files::{self as out, LINES};
-use super::table::Table;
+use super::tasks;
 use super::trajectories::Trajectories;
-use super::{Report, files, progress, tasks};
-use omnidrones::error::{Error, Result};
+use crate::prelude::*;
 use omnidrones::rl::planner::PlannerConfig;
 use omnidrones::rl::refine::Refined;
 use omnidrones::tasks::{Act, Buffers, Env, Evaluation, Record, Spec, Spread, Watched, evaluate};
 use omnidrones_viewer::{Episodes, Recording, page};
-use serde_json::{Value, json};
 use std::cell::RefCell;
-use std::path::PathBuf;
 use std::time::Instant;
 
 /// Longest episode: each step is kept.
@@ -249,13 +246,13 @@ impl Flown {
     }
 
     fn metrics(&self) -> Table {
-        let mut table = Table::new("metric | >mean | >10 % | >median | >90 % | unit");
-        for (name, unit, s) in self.final_spreads() {
-            let numbers = [s.mean, s.low, s.median, s.high].map(|v| short(v, 3));
-            let [mean, low, median, high] = &numbers;
-            table.row([name, mean, low, median, high, unit]);
-        }
-        table
+        Table::new("metric | >mean | >10 % | >median | >90 % | unit").filled(self.final_spreads().map(
+            |(name, unit, s)| {
+                let numbers = [s.mean, s.low, s.median, s.high].map(|v| short(v, 3));
+                let [mean, low, median, high] = numbers;
+                [name.into(), mean, low, median, high, unit.into()]
+            },
+        ))
     }
 
     fn final_spreads(&self) -> impl Iterator<Item = (&str, &str, Spread)> {

@@ -3,15 +3,13 @@
 use super::arguments;
 use super::environment::EnvArguments;
 use super::episodes::{EpisodeArguments, Flown, SUCCESS, Told, check_horizon};
-use super::{Report, files, progress};
-use omnidrones::error::{Error, Result};
+use crate::prelude::*;
 use omnidrones::parallel::Threads;
 use omnidrones::rl::policy_io::{SavedPolicy, load_policy};
 use omnidrones::rl::refine::{RefineConfig, Refined, refine};
 use omnidrones::rl::{Starts, eval_env};
 use omnidrones::tasks::registry;
 use omnidrones::tasks::{Buffers, Env, EnvConfig, Watched};
-use std::path::{Path, PathBuf};
 
 /// What the command is for.
 pub const ABOUT: &str = "\

@@ -14,10 +14,9 @@ use self::derivatives::Derivatives;
 use self::flown::{Flown, write};
 use super::arguments::{self, FlightArguments, OutputArguments, Outputs, VehicleArguments};
 use super::failure::{FailureArguments, Story};
-use super::page::short;
 use super::robot::{self, Robot};
 use super::source::{self, Source};
-use super::{Report, files, progress};
+use crate::prelude::*;
 use omnidrones::controllers::mishap::lowest_point;
 use omnidrones::controllers::reference::Lemniscate;
 use omnidrones::controllers::registry::{controller, steerable};
@@ -31,10 +30,8 @@ use omnidrones::dynamics::configurations::environment::{environment, vehicle_in}
 use omnidrones::dynamics::scene::Scene;
 use omnidrones::dynamics::sensors::{SensorConfig, SensorFile, SensorSet};
 use omnidrones::dynamics::{Effects, Gains, Plant};
-use omnidrones::error::{Error, Result};
 use omnidrones::rl::{PolicyController, load_policy};
 use omnidrones_plot::robot::joints;
-use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Seconds left out of the RMSE: the reference starts with a jump of acceleration.

@@ -51,6 +51,7 @@ mod npz;
 mod over_seeds;
 mod page;
 mod plant_box;
+mod prelude;
 mod progress;
 mod recover;
 mod replay;

@@ -3,17 +3,14 @@
 use super::arguments::{self, FlightArguments, Flyer, FlyerArguments};
 use super::design::{is_command, modes_table, out_of_reach, reach, tidy};
 use super::failure::named;
-use super::page::{Fact, Page, short};
-use super::{Report, files, source};
+use super::source;
+use crate::prelude::*;
 use omnidrones::controllers::RotorFailure;
 use omnidrones::controllers::design::{ErrorState, Trim, TrimTarget, trim, trim_damaged};
 use omnidrones::controllers::linear::{Mode, modes, unobservable};
 use omnidrones::dynamics::spatial::to_euler;
 use omnidrones::dynamics::{Disturbance, Physics, Plant, Vehicle};
-use omnidrones::error::{Error, Result};
-use serde_json::json;
 use std::f64::consts::PI;
-use std::path::PathBuf;
 
 /// What the command is for.
 pub const ABOUT: &str = "\

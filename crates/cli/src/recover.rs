@@ -1,19 +1,14 @@
 //! `omnidrones recover`: from which attitudes and body rates a controller brings a vehicle or a configuration back.
 
-use super::Report;
 use super::arguments::{self, Flyer, FlyerArguments, PlotArguments, ThreadArguments};
-use super::page::{Fact, Page, duration, length, short};
-use super::progress;
-use super::table::{Align, Table};
+use crate::prelude::*;
 use omnidrones::controllers::recovery::BACK;
 use omnidrones::controllers::registry::controller;
 use omnidrones::controllers::{
     Controller, RecoveryCell, RecoveryMap, RecoveryPlan, Setup, default_controller, recovery_map,
 };
 use omnidrones::dynamics::{Gains, Plant};
-use omnidrones::error::{Error, Result};
 use omnidrones_plot::{Figure, HeatMap};
-use serde_json::json;
 use std::f64::consts::PI;
 use std::time::Instant;
 

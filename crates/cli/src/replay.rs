@@ -3,13 +3,9 @@
 use super::arguments::PageArguments;
 use super::environment::EnvArguments;
 use super::episodes::{Flown, SHOWN, Seen};
-use super::page::{Page, percent, short};
 use super::shown::{Flier, check_number};
-use super::{Report, files, progress};
-use omnidrones::error::Result;
+use crate::prelude::*;
 use omnidrones_viewer::{Recording, page};
-use serde_json::json;
-use std::path::Path;
 
 /// What the command is for.
 pub const ABOUT: &str = "\

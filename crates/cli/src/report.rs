@@ -6,15 +6,11 @@ mod several;
 use super::arguments::PageArguments;
 use super::baseline::compare;
 use super::html::html;
-use super::page::Page;
-use super::{Report, files, progress};
-use omnidrones::error::Result;
+use crate::prelude::*;
 use omnidrones::parallel::Threads;
 use omnidrones::rl::TrainConfig;
 use omnidrones::tasks::Evaluation;
 use omnidrones::tasks::registry::Entry;
-use serde_json::json;
-use std::path::{Path, PathBuf};
 
 /// What the command is for.
 pub const ABOUT: &str = "\

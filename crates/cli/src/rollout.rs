@@ -2,15 +2,14 @@
 
 use super::arguments;
 use super::episodes::{EpisodeArguments, Flown, Told, check_horizon};
-use super::{Report, rollout_all};
+use super::rollout_all;
+use crate::prelude::*;
 use clap::ValueEnum;
-use omnidrones::error::{Error, Result};
 use omnidrones::parallel::Threads;
 use omnidrones::rl::parts::Objective;
 use omnidrones::rl::planner::{Planner, PlannerConfig};
 use omnidrones::tasks::registry::{self, Entry};
 use omnidrones::tasks::{Autoreset, Baseline, Buffers, Env, EnvConfig, Watched};
-use std::path::Path;
 
 /// What the command is for.
 pub const ABOUT: &str = "\

@@ -1,16 +1,11 @@
 //! `rollout --all`: every task that a controller can fly, one line each.
 
-use super::page::{Page, percent, short};
 use super::rollout::{Arguments, ControllerName, Ready};
-use super::table::{Table, number};
-use super::{Report, files, progress};
-use omnidrones::error::{Error, Result};
+use crate::prelude::*;
 use omnidrones::parallel::Threads;
 use omnidrones::tasks::registry::{Entry, REGISTRY};
 use omnidrones::tasks::{EnvConfig, Evaluation};
 use omnidrones_plot::{Bar, Bars, Colour, Figure};
-use serde_json::{Value, json};
-use std::path::PathBuf;
 
 /// A task: its figures, or why it was not flown.
 pub struct Line {

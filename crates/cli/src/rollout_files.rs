@@ -1,11 +1,9 @@
 //! What `rollout` leaves in a folder: figures, and every step and episode as CSV.
 
 use super::episodes::Flown;
-use super::files;
-use omnidrones::error::{Error, Result};
+use crate::prelude::*;
 use omnidrones::tasks::{ActionSpace, Column, Record, Recorded, Spread};
 use omnidrones_plot::{Colour, Figure, Panel, Series};
-use std::path::Path;
 
 /// Single environments drawn behind the spread.
 pub const LINES: usize = 16;

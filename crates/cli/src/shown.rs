@@ -4,10 +4,9 @@ use super::environment::EnvArguments;
 use super::episodes::Flown;
 use super::rollout::{ControllerName, PlanArguments};
 use super::{baseline, eval, rollout};
-use omnidrones::error::{Error, Result};
+use crate::prelude::*;
 use omnidrones::parallel::Threads;
 use omnidrones::tasks::{Autoreset, EnvConfig, Watched, registry};
-use std::path::Path;
 
 /// Most episodes in one picture.
 pub const MAX_SHOWN: usize = 16;

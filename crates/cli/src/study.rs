@@ -5,12 +5,11 @@ mod figure;
 use super::arguments::{self, OutputArguments, Outputs, ThreadArguments, algorithms};
 use super::baseline::compare;
 use super::html::{html, markdown};
+use super::over_seeds;
 use super::over_seeds::{Failure, shown, spread};
-use super::page::{Block, Page, count, duration, percent, short};
+use super::page::Block;
 use super::rows::{self, Row};
-use super::table::Table;
-use super::{Report, over_seeds, progress};
-use omnidrones::error::Result;
+use crate::prelude::*;
 use omnidrones::parallel::Threads;
 use omnidrones::rl::TrainConfig;
 use omnidrones::rl::log::Line;
@@ -19,9 +18,7 @@ use omnidrones::tasks::Evaluation;
 use omnidrones::tasks::registry;
 use omnidrones_studies::plan::{self, Cell, Claim, Plan};
 use omnidrones_studies::verdict::Outcome;
-use serde_json::{Value, json};
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
 
 /// What the command is for.
 pub const ABOUT: &str = "\

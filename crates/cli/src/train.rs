@@ -4,24 +4,20 @@ use super::arguments::{self, OutputArguments, algorithms};
 use super::baseline::{MAX_COMPARED, compare, results, spec};
 use super::environment::{self, EnvArguments, usual_vehicle};
 use super::episodes::{SUCCESS, success};
-use super::page::{Fact, Page, count, duration, percent, share_of, short};
-use super::table::Table;
+use super::replay;
 use super::train_plot::{self, Curves};
 use super::train_search::{self, axis, combinations};
 use super::train_seeds::{self, Asked};
-use super::{Report, files, progress, replay};
-use omnidrones::error::{Error, Result};
+use crate::prelude::*;
 use omnidrones::layers::{self, Layer};
 use omnidrones::parallel::Threads;
 use omnidrones::rl::trainer::{Progress, TrainResult, Trainer};
 use omnidrones::rl::{Starts, TrainConfig, checkpoint};
 use omnidrones::tasks::registry::{self, Entry};
 use omnidrones::tasks::{EnvConfig, Evaluation, Metric, Spec};
-use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::io::Write;
 use std::ops::ControlFlow;
-use std::path::{Path, PathBuf};
 
 /// What the command is for.
 pub const ABOUT: &str = "\

@@ -2,14 +2,12 @@
 
 use super::arguments::{self, OutputArguments, ThreadArguments, algorithms};
 use super::baseline::{FIGURES, compare, spec};
+use super::over_seeds;
 use super::over_seeds::{Failure, shown, spread};
-use super::page::{Page, count, duration, percent, short};
 use super::rollout_all::told_errors;
 use super::rows::{self, MAX_ROW, Row};
-use super::table::Table;
 use super::train_all_plot::{self, Learnt};
-use super::{Report, files, over_seeds, progress};
-use omnidrones::error::Result;
+use crate::prelude::*;
 use omnidrones::parallel::Threads;
 use omnidrones::rl::TrainConfig;
 use omnidrones::rl::log::Line as LogLine;
@@ -17,9 +15,7 @@ use omnidrones::rl::recipes::recipes_of;
 use omnidrones::tasks::registry::{self, Entry, REGISTRY};
 use omnidrones::tasks::{Evaluation, Metric};
 use omnidrones_studies::plan::budgeted;
-use serde_json::{Value, json};
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
 
 /// What the command is for.
 pub const ABOUT: &str = "\

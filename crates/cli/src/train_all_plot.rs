@@ -1,7 +1,7 @@
 //! The learning curves of `train-all`: success over environment steps, a panel per task.
 
-use super::page::duration;
 use super::train_plot::{Steps, with};
+use crate::prelude::*;
 use omnidrones::rl::log::Line;
 use omnidrones::rl::runs::OverSeeds;
 use omnidrones_plot::{Colour, Figure, Panel, Series};

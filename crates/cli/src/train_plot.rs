@@ -1,6 +1,6 @@
 //! How a policy learnt: success, error, return and loss over environment steps.
 
-use super::page::short;
+use crate::prelude::*;
 use omnidrones::rl::log::Line;
 use omnidrones::tasks::{Evaluation, Metric};
 use omnidrones_plot::{Colour, Figure, Panel, Series};

@@ -1,17 +1,13 @@
 //! `train --search`: which settings are best, by successive halving over seeds.
 
 use super::arguments::Outputs;
-use super::page::{Page, percent};
-use super::table::{Align, Table};
 use super::train_seeds::Asked;
-use super::{Report, files, progress};
-use omnidrones::error::{Error, Result};
+use crate::prelude::*;
 use omnidrones::layers::{self, Layer};
 use omnidrones::parallel::Threads;
 use omnidrones::rl::TrainConfig;
 use omnidrones::rl::search::{Search, SearchResult, Trial};
 use omnidrones_plot::{Colour, Figure, Panel, Series};
-use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::sync::Mutex;
 

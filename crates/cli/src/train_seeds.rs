@@ -3,18 +3,14 @@
 use super::arguments::OutputArguments;
 use super::baseline::{FIGURES, spec};
 use super::over_seeds::{Failure, Outcome, split, spread, value};
-use super::page::{Page, count, duration, percent, short};
-use super::table::Table;
 use super::train_all_plot::{self, Learnt};
-use super::{Report, files, progress};
-use omnidrones::error::{Error, Result};
+use crate::prelude::*;
 use omnidrones::parallel::Threads;
 use omnidrones::rl::TrainConfig;
 use omnidrones::rl::runs::{self, OverSeeds, Run};
 use omnidrones::rl::trainer::TrainResult;
 use omnidrones::tasks::Metric;
 use omnidrones::tasks::registry::Entry;
-use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 /// What is asked for.

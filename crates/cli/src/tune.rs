@@ -1,21 +1,17 @@
 //! `omnidrones tune`: gains by gradients through closed-loop flights, judged on starts that the tuning never saw.
 
 use super::arguments::{self, FlyerArguments, OutputArguments};
-use super::page::{Fact, Page, duration, length, short};
 use super::sheet::{self, KeyFigures};
 use super::tune_grid::{self, GridArguments};
-use super::{Report, files, progress};
+use crate::prelude::*;
 use omnidrones::controllers::design::tune::{Evaluation, Iteration, TunePlan, Tuning, tune};
 use omnidrones::controllers::design::{GridCell, Judgement, LoopMargins, MarginGate};
 use omnidrones::controllers::{Flight, FlightPlan, Reference, Share, fly_vehicle};
 use omnidrones::dynamics::aero::wind::Wind;
 use omnidrones::dynamics::{Gains, Plant, Vehicle};
-use omnidrones::error::{Error, Result};
 use omnidrones_plot::{Bar, Bars, Colour, Figure, Panel, Series};
-use serde_json::json;
 use std::fmt::Write;
 use std::ops::ControlFlow;
-use std::path::Path;
 use std::time::{Duration, Instant};
 
 /// What the command is for.

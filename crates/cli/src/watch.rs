@@ -4,20 +4,16 @@ use super::arguments::OutputArguments;
 use super::environment::EnvArguments;
 use super::episodes::Seen;
 use super::eval::Ready;
-use super::page::{Page, percent, short};
 use super::rollout_files as out;
 use super::shown::{MAX_SHOWN, check_number};
-use super::{Report, files, progress};
+use crate::prelude::*;
 use omnidrones::controllers::Reference;
 use omnidrones::dynamics::tree::{Multibody, body_poses};
-use omnidrones::error::{Error, Result};
 use omnidrones::parallel::Threads;
 use omnidrones::tasks::{Env, Spec, Watched};
 use omnidrones_plot::animation::save_gif;
 use omnidrones_plot::{Colour, Drawing, Figure, Item, Panel, Series, model};
 use omnidrones_viewer::{goal, page};
-use serde_json::json;
-use std::path::{Path, PathBuf};
 
 /// What the command is for.
 pub const ABOUT: &str = "\

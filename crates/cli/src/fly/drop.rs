@@ -1,20 +1,16 @@
 //! Drops: anything, rotors idle, onto the ground.
 
 use super::Arguments;
-use crate::page::{Fact, Page, length, short};
+use crate::prelude::*;
 use crate::robot::Robot;
-use crate::{Report, files, progress};
 use omnidrones::controllers::reference::{Hover, Reference};
 use omnidrones::controllers::registry::steerable;
 use omnidrones::controllers::start::{clearance, start_above};
 use omnidrones::controllers::{Flight, Passive, fly_from};
 use omnidrones::dynamics::configurations;
 use omnidrones::dynamics::tree::{Multibody, check_contact, contact_forces, kinetic_energy, potential_energy};
-use omnidrones::error::{Error, Result};
 use omnidrones_plot::robot::{Fall, fall};
-use serde_json::{Value, json};
 use std::fmt::Write;
-use std::path::PathBuf;
 
 /// Refuses arguments of a controller.
 fn uncontrolled(a: &Arguments) -> Result<()> {

@@ -7,10 +7,9 @@ use super::{Arguments, What};
 use crate::arguments::{Outputs, is_optimal};
 use crate::failure::Story;
 use crate::npz::Npz;
-use crate::page::{Fact, Page, duration, length, plain_facts, short};
+use crate::page::plain_facts;
+use crate::prelude::*;
 use crate::sheet::{KeyFigures, key_facts, vector};
-use crate::table::{Table, number};
-use crate::{files, progress};
 use omnidrones::controllers::linear::{StepFigures, step_figures};
 use omnidrones::controllers::reference::Hover;
 use omnidrones::controllers::{Flight, FlightPlan, Judgement, Note, Reference, RotorFailure};
@@ -18,14 +17,11 @@ use omnidrones::dynamics::aero::wind::Wind;
 use omnidrones::dynamics::sensors::SensorConfig;
 use omnidrones::dynamics::tree::{Motion, Multibody};
 use omnidrones::dynamics::{Plant, Quantity};
-use omnidrones::error::Result;
 use omnidrones::flight::{Commanded, FlightSummary};
 use omnidrones_plot::flight::FlightFigures;
 use omnidrones_plot::robot::{JointHistory, RobotFigures, joints};
 use omnidrones_plot::sensors::sensor_figures;
-use serde_json::{Value, json};
 use std::fmt::Write;
-use std::path::{Path, PathBuf};
 
 /// Writes figures and tables.
 pub(super) fn write(
