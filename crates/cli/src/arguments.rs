@@ -3,7 +3,7 @@
 use super::robot;
 use super::source::{self, Source};
 use crate::prelude::*;
-use clap::builder::PossibleValuesParser;
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Arg, Args, ValueEnum};
 use omnidrones::controllers::{FlightPlan, Rates, Reference};
 use omnidrones::dynamics::aero::wind::{Dryden, Wind};
@@ -106,10 +106,11 @@ pub struct FlightArguments {
         long,
         value_name = "LIST",
         value_delimiter = ',',
+        value_parser = one_of(&EFFECTS),
         help_heading = "Simulation",
         conflicts_with = "no_effects"
     )]
-    pub effects: Option<Vec<EffectName>>,
+    pub effects: Option<Vec<Switch>>,
     /// Rotors, gravity and a rigid body alone: no drag, no gyroscopic rotors
     #[arg(long, help_heading = "Simulation")]
     pub no_effects: bool,
@@ -149,7 +150,11 @@ impl FlightArguments {
         let effects = match &self.effects {
             _ if self.no_effects => Effects::none(),
             None => Effects::default(),
-            Some(names) => names.iter().fold(Effects::none(), |effects, name| name.switch_on(effects)),
+            Some(switches) => {
+                let mut effects = Effects::none();
+                switches.iter().for_each(|switch| *switch(&mut effects) = true);
+                effects
+            }
         };
         Physics { dt: self.dt, substeps: self.substeps, integrator: self.integrator.into(), effects }
     }
@@ -238,62 +243,36 @@ impl From<IntegratorName> for Integrator {
     }
 }
 
-/// Names of effects.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum EffectName {
-    /// Linear and angular drag of the airframe
-    BodyDrag,
-    /// Quadratic drag of the airframe
-    QuadraticDrag,
-    /// Drag of the rotors in the air that passes them
-    RotorDrag,
-    /// Rolling moment of the rotors in the air that passes them
-    RollingMoment,
-    /// Angular momentum of the rotors
-    RotorInertia,
-    /// Thrust gained within a few radii of the ground at z = 0
-    GroundEffect,
-    /// Wakes of drones on each other; configurations only
-    Downwash,
-    /// Wakes of drones on what they carry; configurations only
-    LoadDownwash,
-    /// Forces between bodies that touch, and on the ground at z = 0; configurations only, and --drop
-    Contact,
-}
+/// Switches of effects.
+type Switch = fn(&mut Effects) -> &mut bool;
 
-impl EffectName {
-    fn switch_on(self, effects: Effects) -> Effects {
-        match self {
-            Self::BodyDrag => Effects { body_drag: true, ..effects },
-            Self::QuadraticDrag => Effects { quadratic_drag: true, ..effects },
-            Self::RotorDrag => Effects { rotor_drag: true, ..effects },
-            Self::RollingMoment => Effects { rolling_moment: true, ..effects },
-            Self::RotorInertia => Effects { rotor_inertia: true, ..effects },
-            Self::GroundEffect => Effects { ground_effect: true, ..effects },
-            Self::Downwash => Effects { downwash: true, ..effects },
-            Self::LoadDownwash => Effects { load_downwash: true, ..effects },
-            Self::Contact => Effects { contact: true, ..effects },
-        }
-    }
-}
+/// Effects by name, with what they are.
+const EFFECTS: [(&str, &str, Switch); 9] = [
+    ("body-drag", "Linear and angular drag of the airframe", |e| &mut e.body_drag),
+    ("quadratic-drag", "Quadratic drag of the airframe", |e| &mut e.quadratic_drag),
+    ("rotor-drag", "Drag of the rotors in the air that passes them", |e| &mut e.rotor_drag),
+    ("rolling-moment", "Rolling moment of the rotors in the air that passes them", |e| &mut e.rolling_moment),
+    ("rotor-inertia", "Angular momentum of the rotors", |e| &mut e.rotor_inertia),
+    ("ground-effect", "Thrust gained within a few radii of the ground at z = 0", |e| &mut e.ground_effect),
+    ("downwash", "Wakes of drones on each other; configurations only", |e| &mut e.downwash),
+    ("load-downwash", "Wakes of drones on what they carry; configurations only", |e| &mut e.load_downwash),
+    ("contact", "Forces between bodies that touch, and on the ground at z = 0; configurations only, and --drop", |e| {
+        &mut e.contact
+    }),
+];
 
-/// File type of figures.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum FormatName {
-    /// Pixels
-    Png,
-    /// Vectors
-    Svg,
-}
+/// File types of figures, as in a file name.
+const FORMATS: [(&str, &str, &str); 2] = [("png", "Pixels", "png"), ("svg", "Vectors", "svg")];
 
-impl FormatName {
-    /// As in a file name.
-    pub fn extension(self) -> &'static str {
-        match self {
-            Self::Png => "png",
-            Self::Svg => "svg",
-        }
-    }
+/// One of these names, each with what it is, for the value that stands beside it.
+pub fn one_of<T: Clone + Send + Sync + 'static>(
+    all: &'static [(&'static str, &'static str, T)],
+) -> impl TypedValueParser<Value = T> {
+    let names = all.iter().map(|(name, what, _)| PossibleValue::new(*name).help(*what));
+    PossibleValuesParser::new(names).try_map(|given| {
+        let known = all.iter().find(|(name, ..)| *name == given);
+        known.map(|(.., value)| value.clone()).ok_or("it is not known")
+    })
 }
 
 /// Where output goes, and in what form.
@@ -309,8 +288,8 @@ pub struct OutputArguments {
     #[arg(long)]
     pub force: bool,
     /// File type of the plots
-    #[arg(long, value_name = "TYPE", default_value = "png")]
-    pub format: FormatName,
+    #[arg(long, value_name = "TYPE", default_value = "png", value_parser = one_of(&FORMATS))]
+    pub format: &'static str,
     /// Draw nothing
     #[arg(long)]
     pub no_plots: bool,
@@ -329,7 +308,7 @@ impl OutputArguments {
     /// The folder, ready to be written into where there are plots to draw or `other` files to write.
     pub fn open(&self, usual: impl Into<PathBuf>, other: bool) -> Result<Outputs> {
         let folder = self.out.clone().unwrap_or_else(|| usual.into());
-        let plots = (!self.no_plots).then(|| self.format.extension());
+        let plots = (!self.no_plots).then(|| self.format);
         if other || plots.is_some() {
             files::prepare(&folder, self.force)?;
         }

@@ -68,7 +68,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
         return Err(Error::value("animated file", value, "a name that ends in .gif", "Add .gif to it."));
     }
     let mut ready = Ready::new(&a.run, &a.environment, Some(a.envs), &Threads::default())?;
-    let beside = if a.output.no_plots { Vec::new() } else { stills(&path, a.output.format.extension()).to_vec() };
+    let beside = if a.output.no_plots { Vec::new() } else { stills(&path, a.output.format).to_vec() };
     let web = path.with_extension("html");
     for file in [&web, &path].into_iter().chain(&beside) {
         files::check_new(file, a.output.force)?;
@@ -90,7 +90,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     bar.finish_and_clear();
     let mut written = vec![web, path.clone()];
     if !a.output.no_plots {
-        let [still, errors] = stills(&path, a.output.format.extension());
+        let [still, errors] = stills(&path, a.output.format);
         replay.figure(n - 1, &scene).save(&still)?;
         out::figure(&flown).save(&errors)?;
         written.extend([still, errors]);
