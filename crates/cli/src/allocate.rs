@@ -1,12 +1,10 @@
 //! `omnidrones allocate`: which thrusts make a wrench, what they cannot make, and why.
 
-use super::Report;
 use super::arguments::{PlotArguments, VehicleArguments, list};
 use super::failure::named;
-use super::page::{Fact, Page, short};
 use super::robot;
 use super::source;
-use super::table::{Align, Table, number};
+use crate::prelude::*;
 use nalgebra::DMatrix;
 use omnidrones::controllers::allocation::characteristic_length;
 use omnidrones::controllers::allocation::failure;
@@ -19,9 +17,7 @@ use omnidrones::dynamics::hover::BALANCED;
 use omnidrones::dynamics::spatial::rotate;
 use omnidrones::dynamics::tree::Multibody;
 use omnidrones::dynamics::{GRAVITY, Physics};
-use omnidrones::error::{Error, Result};
 use omnidrones_plot::{Bar, Bars, Colour, Figure};
-use serde_json::{Value, json};
 
 /// What the command is for.
 pub const ABOUT: &str = "\
@@ -305,42 +301,39 @@ fn facts(subject: &Subject, answer: &Answer, a: &Arguments) -> Vec<Fact> {
 }
 
 fn thrusts(subject: &Subject, answer: &Answer) -> Table {
-    let mut table = Table::new(
-        ">rotor | name | >thrust [N] | >limit [N] | >share | >command | state | >pseudo-inverse, clipped [N]",
-    );
-    for (i, name) in subject.rotors.iter().enumerate() {
-        let (u, limit) = (answer.solution.inputs[i], subject.problem.upper[i]);
-        let share = if limit > 0.0 { format!("{} %", number(100.0 * u / limit, 0)) } else { "–".into() };
-        table.row([
-            i.to_string(),
-            name.clone(),
-            number(u, 3),
-            number(limit, 3),
-            share,
-            if limit > 0.0 { format!("{:+.3}", 2.0 * u / limit - 1.0) } else { "–".into() },
-            state(subject, answer, i).to_string(),
-            number(answer.clipped[i], 3),
-        ]);
-    }
-    table
+    Table::new(">rotor | name | >thrust [N] | >limit [N] | >share | >command | state | >pseudo-inverse, clipped [N]")
+        .filled(subject.rotors.iter().enumerate().map(|(i, name)| {
+            let (u, limit) = (answer.solution.inputs[i], subject.problem.upper[i]);
+            let share = if limit > 0.0 { format!("{} %", number(100.0 * u / limit, 0)) } else { "–".into() };
+            [
+                i.to_string(),
+                name.clone(),
+                number(u, 3),
+                number(limit, 3),
+                share,
+                if limit > 0.0 { format!("{:+.3}", 2.0 * u / limit - 1.0) } else { "–".into() },
+                state(subject, answer, i).to_string(),
+                number(answer.clipped[i], 3),
+            ]
+        }))
 }
 
 const UNITS: [&str; WRENCH] = ["N", "N", "N", "N m", "N m", "N m"];
 
 fn wrenches(answer: &Answer) -> Table {
-    let mut table = Table::new("axis | >wanted | >delivered | >missing | >pseudo-inverse, clipped | unit");
-    for (k, axis) in Axis::ALL.iter().enumerate() {
-        let (want, got) = (answer.wanted[k], answer.delivered[k]);
-        table.row([
-            axis.name().to_string(),
-            number(want, 3),
-            tidy(got),
-            tidy(want - got),
-            tidy(answer.clipped_wrench[k]),
-            UNITS[k].to_string(),
-        ]);
-    }
-    table
+    Table::new("axis | >wanted | >delivered | >missing | >pseudo-inverse, clipped | unit").filled(
+        Axis::ALL.iter().enumerate().map(|(k, axis)| {
+            let (want, got) = (answer.wanted[k], answer.delivered[k]);
+            [
+                axis.name().to_string(),
+                number(want, 3),
+                tidy(got),
+                tidy(want - got),
+                tidy(answer.clipped_wrench[k]),
+                UNITS[k].to_string(),
+            ]
+        }),
+    )
 }
 
 /// Three decimals without a negative zero.

@@ -1,14 +1,17 @@
 //! Arguments that commands share.
 
-use super::files;
+use super::robot;
+use super::source::{self, Source};
+use crate::prelude::*;
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Arg, Args, ValueEnum};
 use omnidrones::controllers::{FlightPlan, Rates, Reference};
 use omnidrones::dynamics::aero::wind::{Dryden, Wind};
+use omnidrones::dynamics::tree::Model;
 use omnidrones::dynamics::{Effects, Gains, Integrator, Physics, Vehicle};
-use omnidrones::error::{Error, Result};
 use omnidrones::parallel::Threads;
-use omnidrones_plot::Format;
-use std::path::{Path, PathBuf};
+use omnidrones::rl::algorithm;
+use omnidrones_plot::{Figure, Format};
 
 /// Which vehicle, and where its rotor data are.
 #[derive(Debug, Clone, Args)]
@@ -24,6 +27,52 @@ pub struct VehicleArguments {
     /// Meshes are never opened and nobody needs them to fly; this silences the warning about them.
     #[arg(long, value_name = "NAME=DIR", value_parser = package, help_heading = "Vehicle")]
     pub package: Vec<(String, PathBuf)>,
+}
+
+/// What is named, and how it flies.
+#[derive(Debug, Clone, Args)]
+pub struct FlyerArguments {
+    /// A built-in vehicle ('omnidrones models' lists them), or a file FILE.toml or FILE.urdf
+    #[arg(value_name = "VEHICLE|FILE")]
+    pub vehicle: String,
+    #[command(flatten)]
+    pub rotors: VehicleArguments,
+    #[command(flatten)]
+    pub flight: FlightArguments,
+}
+
+/// The option `vehicle` of a command that takes configurations too.
+pub fn any_flyer(option: Arg) -> Arg {
+    let what = "A vehicle ('omnidrones models'), a configuration ('omnidrones show'), or a file FILE.toml or FILE.urdf";
+    option.value_name("VEHICLE|CONFIG|FILE").help(what)
+}
+
+impl FlyerArguments {
+    /// The vehicle, with what is odd about it told.
+    pub fn source(&self) -> Result<Source> {
+        source::to_use(Some(&self.vehicle), &self.rotors)
+    }
+
+    /// The configuration of that name, if there is one; else a vehicle, or an error that names the nearest of both.
+    pub fn flyer(&self) -> Result<Flyer> {
+        if robot::configuration(&self.vehicle).is_some() {
+            return Ok(Flyer::Configuration(robot::load(&self.vehicle, &self.rotors)?.model));
+        }
+        robot::known(&self.vehicle)?;
+        Ok(Flyer::Vehicle(Box::new(self.source()?)))
+    }
+
+    /// Refuses a reference for a command that flies none.
+    pub fn refuse_reference(&self, command: &str, remedy: &str) -> Result<()> {
+        let Some(given) = &self.flight.reference else { return Ok(()) };
+        Err(Error::value("--reference", given, format!("none in '{command}'"), remedy))
+    }
+}
+
+/// What [`FlyerArguments`] name.
+pub enum Flyer {
+    Vehicle(Box<Source>),
+    Configuration(Model),
 }
 
 /// What is flown, how finely, in what air.
@@ -57,10 +106,11 @@ pub struct FlightArguments {
         long,
         value_name = "LIST",
         value_delimiter = ',',
+        value_parser = one_of(&EFFECTS),
         help_heading = "Simulation",
         conflicts_with = "no_effects"
     )]
-    pub effects: Option<Vec<EffectName>>,
+    pub effects: Option<Vec<Switch>>,
     /// Rotors, gravity and a rigid body alone: no drag, no gyroscopic rotors
     #[arg(long, help_heading = "Simulation")]
     pub no_effects: bool,
@@ -100,7 +150,11 @@ impl FlightArguments {
         let effects = match &self.effects {
             _ if self.no_effects => Effects::none(),
             None => Effects::default(),
-            Some(names) => names.iter().fold(Effects::none(), |effects, name| name.switch_on(effects)),
+            Some(switches) => {
+                let mut effects = Effects::none();
+                switches.iter().for_each(|switch| *switch(&mut effects) = true);
+                effects
+            }
         };
         Physics { dt: self.dt, substeps: self.substeps, integrator: self.integrator.into(), effects }
     }
@@ -188,62 +242,36 @@ impl From<IntegratorName> for Integrator {
     }
 }
 
-/// Names of effects.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum EffectName {
-    /// Linear and angular drag of the airframe
-    BodyDrag,
-    /// Quadratic drag of the airframe
-    QuadraticDrag,
-    /// Drag of the rotors in the air that passes them
-    RotorDrag,
-    /// Rolling moment of the rotors in the air that passes them
-    RollingMoment,
-    /// Angular momentum of the rotors
-    RotorInertia,
-    /// Thrust gained within a few radii of the ground at z = 0
-    GroundEffect,
-    /// Wakes of drones on each other; configurations only
-    Downwash,
-    /// Wakes of drones on what they carry; configurations only
-    LoadDownwash,
-    /// Forces between bodies that touch, and on the ground at z = 0; configurations only, and --drop
-    Contact,
-}
+/// Switches of effects.
+type Switch = fn(&mut Effects) -> &mut bool;
 
-impl EffectName {
-    fn switch_on(self, effects: Effects) -> Effects {
-        match self {
-            Self::BodyDrag => Effects { body_drag: true, ..effects },
-            Self::QuadraticDrag => Effects { quadratic_drag: true, ..effects },
-            Self::RotorDrag => Effects { rotor_drag: true, ..effects },
-            Self::RollingMoment => Effects { rolling_moment: true, ..effects },
-            Self::RotorInertia => Effects { rotor_inertia: true, ..effects },
-            Self::GroundEffect => Effects { ground_effect: true, ..effects },
-            Self::Downwash => Effects { downwash: true, ..effects },
-            Self::LoadDownwash => Effects { load_downwash: true, ..effects },
-            Self::Contact => Effects { contact: true, ..effects },
-        }
-    }
-}
+/// Effects by name, with what they are.
+const EFFECTS: [(&str, &str, Switch); 9] = [
+    ("body-drag", "Linear and angular drag of the airframe", |e| &mut e.body_drag),
+    ("quadratic-drag", "Quadratic drag of the airframe", |e| &mut e.quadratic_drag),
+    ("rotor-drag", "Drag of the rotors in the air that passes them", |e| &mut e.rotor_drag),
+    ("rolling-moment", "Rolling moment of the rotors in the air that passes them", |e| &mut e.rolling_moment),
+    ("rotor-inertia", "Angular momentum of the rotors", |e| &mut e.rotor_inertia),
+    ("ground-effect", "Thrust gained within a few radii of the ground at z = 0", |e| &mut e.ground_effect),
+    ("downwash", "Wakes of drones on each other; configurations only", |e| &mut e.downwash),
+    ("load-downwash", "Wakes of drones on what they carry; configurations only", |e| &mut e.load_downwash),
+    ("contact", "Forces between bodies that touch, and on the ground at z = 0; configurations only, and --drop", |e| {
+        &mut e.contact
+    }),
+];
 
-/// File type of figures.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum FormatName {
-    /// Pixels
-    Png,
-    /// Vectors
-    Svg,
-}
+/// File types of figures, as in a file name.
+const FORMATS: [(&str, &str, &str); 2] = [("png", "Pixels", "png"), ("svg", "Vectors", "svg")];
 
-impl FormatName {
-    /// As in a file name.
-    pub fn extension(self) -> &'static str {
-        match self {
-            Self::Png => "png",
-            Self::Svg => "svg",
-        }
-    }
+/// One of these names, each with what it is, for the value that stands beside it.
+pub fn one_of<T: Clone + Send + Sync + 'static>(
+    all: &'static [(&'static str, &'static str, T)],
+) -> impl TypedValueParser<Value = T> {
+    let names = all.iter().map(|(name, what, _)| PossibleValue::new(*name).help(*what));
+    PossibleValuesParser::new(names).try_map(|given| {
+        let known = all.iter().find(|(name, ..)| *name == given);
+        known.map(|(.., value)| value.clone()).ok_or("it is not known")
+    })
 }
 
 /// Where output goes, and in what form.
@@ -259,8 +287,8 @@ pub struct OutputArguments {
     #[arg(long)]
     pub force: bool,
     /// File type of the plots
-    #[arg(long, value_name = "TYPE", default_value = "png")]
-    pub format: FormatName,
+    #[arg(long, value_name = "TYPE", default_value = "png", value_parser = one_of(&FORMATS))]
+    pub format: &'static str,
     /// Draw nothing
     #[arg(long)]
     pub no_plots: bool,
@@ -276,11 +304,50 @@ pub fn out(option: Arg, what: &str) -> Arg {
 }
 
 impl OutputArguments {
-    /// The folder, ready to be written into.
-    pub fn folder(&self, usual: impl Into<PathBuf>) -> Result<PathBuf> {
+    /// The folder, ready to be written into where there are plots to draw or `other` files to write.
+    pub fn open(&self, usual: impl Into<PathBuf>, other: bool) -> Result<Outputs> {
         let folder = self.out.clone().unwrap_or_else(|| usual.into());
-        files::prepare(&folder, self.force)?;
-        Ok(folder)
+        let plots = (!self.no_plots).then(|| self.format);
+        if other || plots.is_some() {
+            files::prepare(&folder, self.force)?;
+        }
+        Ok(Outputs { folder, plots, quiet: self.json, written: Vec::new() })
+    }
+}
+
+/// A folder that a command writes into, and the files that it wrote there.
+pub struct Outputs {
+    pub folder: PathBuf,
+    /// File type of plots, where they are to be drawn.
+    pub plots: Option<&'static str>,
+    quiet: bool,
+    pub written: Vec<PathBuf>,
+}
+
+impl Outputs {
+    /// Draws NAME.png or NAME.svg, unless nothing is to be drawn.
+    pub fn draw(&mut self, name: &str, figure: impl FnOnce() -> Figure) -> Result<()> {
+        self.plots.map_or(Ok(()), |extension| self.save(&format!("{name}.{extension}"), &figure()))
+    }
+
+    fn save(&mut self, name: &str, figure: &Figure) -> Result<()> {
+        let spinner = progress::spinner("drawing", self.quiet);
+        let drawn = self.put(name, |path| figure.save(path));
+        spinner.finish_and_clear();
+        drawn
+    }
+
+    /// Writes a file of that name.
+    pub fn put(&mut self, name: &str, write: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
+        let path = self.folder.join(name);
+        write(&path)?;
+        self.written.push(path);
+        Ok(())
+    }
+
+    /// Writes a text.
+    pub fn text(&mut self, name: &str, text: String) -> Result<()> {
+        self.put(name, |path| files::replace(path, text.as_bytes()))
     }
 }
 
@@ -312,6 +379,31 @@ impl PlotArguments {
     }
 }
 
+/// A page for a browser, for commands that write one.
+#[derive(Debug, Clone, Args)]
+#[command(next_help_heading = "Output")]
+pub struct PageArguments {
+    /// The page
+    #[arg(long, value_name = "FILE.html")]
+    pub out: Option<PathBuf>,
+    /// Replace a file that exists
+    #[arg(long)]
+    pub force: bool,
+    /// Print one JSON object and nothing else
+    #[arg(long)]
+    pub json: bool,
+}
+
+impl PageArguments {
+    /// Refuses a name that is none of a page.
+    pub fn check(&self) -> Result<()> {
+        let wrong = |path: &&PathBuf| path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("html"));
+        let Some(path) = self.out.as_ref().filter(wrong) else { return Ok(()) };
+        let value = format!("'{}'", path.display());
+        Err(Error::value("page", value, "a name that ends in .html", "Add .html to it."))
+    }
+}
+
 /// Threads of a command.
 #[derive(Debug, Clone, Args)]
 pub struct ThreadArguments {
@@ -325,6 +417,11 @@ impl ThreadArguments {
     pub fn threads(&self) -> Result<Threads> {
         self.threads.map_or_else(|| Ok(Threads::default()), Threads::new)
     }
+}
+
+/// Names that `--algo` takes.
+pub fn algorithms() -> PossibleValuesParser {
+    PossibleValuesParser::new(algorithm::names().into_iter().chain(algorithm::VARIANTS.iter().map(|own| own.name)))
 }
 
 /// Refuses gains for a controller that has none: optimal feedback of a rigid vehicle.

@@ -3,18 +3,13 @@
 
 use super::arguments::{self, OutputArguments};
 use super::environment::EnvArguments;
-use super::page::{Page, short};
-use super::table::Table;
-use super::{Report, files, progress};
+use crate::prelude::*;
 use omnidrones::autodiff::lane_width;
-use omnidrones::error::{Error, Result};
 use omnidrones::tasks::EnvConfig;
 use omnidrones::tasks::registry::{self, Entry};
 use omnidrones_bench::environment::{self, Case, SIZES};
 use omnidrones_bench::{BenchPlan, BenchRow, learning};
 use omnidrones_plot::{Bar, Bars, Colour, Figure};
-use serde_json::json;
-use std::path::PathBuf;
 use std::time::Duration;
 
 /// What the command is for.
@@ -90,7 +85,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
         let remedy = "Name a task: omnidrones bench Hover.";
         return Err(Error::value("options of environments", "given without a task", "left out", remedy));
     }
-    let folder = if a.output.no_plots { PathBuf::new() } else { a.output.folder("out/bench")? };
+    let mut outputs = a.output.open("out/bench", false)?;
     let spinner = progress::spinner("measuring", a.output.json);
     let budget = if a.quick { QUICK } else { usual.budget };
     let plan = BenchPlan { budget, n_env: a.envs.unwrap_or(usual.n_env), threads };
@@ -102,18 +97,12 @@ pub fn run(a: &Arguments) -> Result<Report> {
     };
     spinner.finish_and_clear();
 
-    let mut written = Vec::new();
-    if !a.output.no_plots {
-        let name = task.map_or(if a.policy.is_empty() { "bench" } else { "policy" }, |entry| entry.name);
-        let path = folder.join(format!("{name}.{}", a.output.format.extension()));
-        match task {
-            Some(entry) => task_figure(entry, &rows),
-            None if !a.policy.is_empty() => policy_figure(&a.policy, &rows),
-            None => figure(&rows),
-        }
-        .save(&path)?;
-        written.push(path);
-    }
+    match task {
+        Some(entry) => outputs.draw(entry.name, || task_figure(entry, &rows)),
+        None if !a.policy.is_empty() => outputs.draw("policy", || policy_figure(&a.policy, &rows)),
+        None => outputs.draw("bench", || figure(&rows)),
+    }?;
+    let written = outputs.written;
     if a.output.json {
         let value = json!({
             "command": "bench",

@@ -1,19 +1,14 @@
 //! `omnidrones benchmark`: controllers on the references of a published comparison, beside the published figures.
 
 use super::arguments::{self, OutputArguments, ThreadArguments};
-use super::page::{Page, short};
-use super::table::Table;
-use super::{Report, files, progress};
+use crate::prelude::*;
 use omnidrones::controllers::registry::REGISTRY;
 use omnidrones::dynamics::Plant;
-use omnidrones::error::{Error, Result};
 use omnidrones_plot::{Figure, HeatMap};
 use omnidrones_studies::tracking::{
     ACCELERATIONS, COUNTED, PUBLISHED_OVER_ALL, SPEEDS, Tracking, TrackingCondition, TrackingFlight, TrackingRow,
     physics, quadrotor,
 };
-use serde_json::{Value, json};
-use std::path::PathBuf;
 
 /// What the command is for.
 pub const ABOUT: &str = "\
@@ -74,7 +69,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let Comparison::Tracking = a.comparison;
     let names = controllers(&a.controllers)?;
     let conditions = if a.quick { &TrackingCondition::ALL[..1] } else { &TrackingCondition::ALL[..] };
-    let folder = if a.output.no_plots { PathBuf::new() } else { a.output.folder("out/benchmark")? };
+    let mut outputs = a.output.open("out/benchmark", false)?;
     let threads = a.threads.threads()?;
     let bar = progress::bar((names.len() * conditions.len()) as u64, "tracking", a.output.json);
     let (benchmark, mut rows) = (Tracking::new(&threads)?, Vec::new());
@@ -86,12 +81,8 @@ pub fn run(a: &Arguments) -> Result<Report> {
         }
     }
     bar.finish_and_clear();
-    let mut written = Vec::new();
-    if !a.output.no_plots {
-        let path = folder.join(format!("tracking.{}", a.output.format.extension()));
-        figure(&rows).save(&path)?;
-        written.push(path);
-    }
+    outputs.draw("tracking", || figure(&rows))?;
+    let written = outputs.written;
     if a.output.json {
         let value = json!({
             "command": "benchmark", "version": env!("CARGO_PKG_VERSION"), "success": true, "comparison": "tracking",

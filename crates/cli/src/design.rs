@@ -5,12 +5,10 @@ mod report;
 
 use self::figures::Loops;
 use self::report::Subject;
-use super::arguments::{FlightArguments, PlotArguments, VehicleArguments, WRITTEN};
-use super::page::{Fact, Page, short};
+use super::arguments::{FlyerArguments, PlotArguments, WRITTEN};
 use super::plant_box::{self, PlantArguments};
-use super::source::{self, Source};
-use super::table::Table;
-use super::{Report, files, progress};
+use super::source::Source;
+use crate::prelude::*;
 use nalgebra::Complex;
 use omnidrones::controllers::cascade::Rates;
 use omnidrones::controllers::design::{
@@ -21,10 +19,7 @@ use omnidrones::controllers::reference::{Hover, Reference};
 use omnidrones::controllers::{ClosedLoop, Target};
 use omnidrones::dynamics::spatial::to_euler;
 use omnidrones::dynamics::{Disturbance, Gains, Physics, Plant, Vehicle};
-use omnidrones::error::{Error, Result};
-use serde_json::{Value, json};
 use std::f64::consts::PI;
-use std::path::PathBuf;
 
 /// What the command is for.
 pub const ABOUT: &str = "\
@@ -65,13 +60,8 @@ Exit codes: 0 reported, and the loop is stable; 1 it is not, or does not settle;
 #[command(mut_arg("reference", |reference| reference.hide(true)))]
 #[command(mut_arg("plot", |plot| plot.help("Draw loop and sensitivity at every command into this file (.png or .svg)")))]
 pub struct Arguments {
-    /// A built-in vehicle ('omnidrones models' lists them), or a file FILE.toml or FILE.urdf
-    #[arg(value_name = "VEHICLE|FILE")]
-    vehicle: String,
     #[command(flatten)]
-    rotors: VehicleArguments,
-    #[command(flatten)]
-    flight: FlightArguments,
+    flyer: FlyerArguments,
     /// Steady wind [m/s] in which the vehicle holds its place
     #[arg(long, value_name = "X,Y,Z", value_delimiter = ',', allow_hyphen_values = true, help_heading = "Flight")]
     wind: Option<Vec<f64>>,
@@ -108,17 +98,14 @@ struct Findings {
 
 /// Reports.
 pub fn run(a: &Arguments) -> Result<Report> {
-    a.flight.check()?;
+    a.flyer.flight.check()?;
     a.output.check()?;
-    if let Some(given) = &a.flight.reference {
-        let remedy = "Leave it out: linear models are of steady flights.";
-        return Err(Error::value("--reference", given, "none in 'design'", remedy));
-    }
+    a.flyer.refuse_reference("design", "Leave it out: linear models are of steady flights.")?;
     let save = files::model_file(a.save.as_deref(), a.output.force)?;
     check_report(a)?;
-    let source = source::to_use(Some(&a.vehicle), &a.rotors)?;
-    let (gains, gains_name) = a.flight.gains(&source.vehicle)?;
-    let mut physics = a.flight.physics();
+    let source = a.flyer.source()?;
+    let (gains, gains_name) = a.flyer.flight.gains(&source.vehicle)?;
+    let mut physics = a.flyer.flight.physics();
     let air = match a.wind.as_deref() {
         None => Disturbance::none(),
         Some(&[x, y, z]) if [x, y, z].iter().all(|v| v.abs() <= 100.0) => {
@@ -129,7 +116,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
             return Err(Error::value("--wind", format!("{wind:?}"), "three numbers up to 100 m/s", "As 8,0,0."));
         }
     };
-    let rates = a.flight.rates();
+    let rates = a.flyer.flight.rates();
     if a.latency > LoopModel::MOST_DELAY {
         let most = format!("0 to {} steps", LoopModel::MOST_DELAY);
         let remedy = format!("It counts steps of dt, here {} ms, not milliseconds.", short(1e3 * physics.dt, 3));
@@ -143,7 +130,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let plants = a.plants.judge(&source.vehicle, &gains, (&physics, &rates), (a.latency, &air))?;
     if let Some((file, as_json)) = save {
         let text = if as_json { format!("{:#}\n", found.plant.to_json()) } else { found.plant.to_csv() };
-        files::replace(file, text)?;
+        files::replace(file, text.as_bytes())?;
     }
     draw(a, &source, (&gains, &gains_name), (&found, plants.as_ref()), stable)?;
     let written: Vec<PathBuf> = a.output.plot.iter().chain(&a.save).chain(&a.report).cloned().collect();
@@ -405,23 +392,23 @@ pub fn tidy(value: f64) -> f64 {
 
 /// Rate, frequency, damping and time constant of each mode, and the states that take part most.
 pub fn modes_table(modes: &[Mode], plant: &StateSpace) -> Table {
-    let mut table = Table::new(">rate [1/s] | >frequency [rad/s] | >damping | >time constant [s] | of");
-    for mode in modes {
-        let names: Vec<&str> = mode.states.iter().take(3).map(|(i, _)| plant.states()[*i].name.as_str()).collect();
-        let rate = if mode.rate.im.abs() > 1e-9 {
-            format!("{} ± {}j", short(mode.rate.re, 3), short(mode.rate.im, 3))
-        } else {
-            short(tidy(mode.rate.re), 3)
-        };
-        table.row([
-            rate,
-            short(tidy(mode.frequency), 3),
-            if mode.frequency < NOTHING { "–".into() } else { short(mode.damping, 2) },
-            unlimited(if mode.frequency < NOTHING { f64::INFINITY } else { mode.time_constant }, 3),
-            names.join(", "),
-        ]);
-    }
-    table
+    Table::new(">rate [1/s] | >frequency [rad/s] | >damping | >time constant [s] | of").filled(modes.into_iter().map(
+        |mode| {
+            let names: Vec<&str> = mode.states.iter().take(3).map(|(i, _)| plant.states()[*i].name.as_str()).collect();
+            let rate = if mode.rate.im.abs() > 1e-9 {
+                format!("{} ± {}j", short(mode.rate.re, 3), short(mode.rate.im, 3))
+            } else {
+                short(tidy(mode.rate.re), 3)
+            };
+            [
+                rate,
+                short(tidy(mode.frequency), 3),
+                if mode.frequency < NOTHING { "–".into() } else { short(mode.damping, 2) },
+                unlimited(if mode.frequency < NOTHING { f64::INFINITY } else { mode.time_constant }, 3),
+                names.join(", "),
+            ]
+        },
+    ))
 }
 
 /// A mode for JSON, with the names of a model's states.

@@ -1,19 +1,17 @@
 //! Which environments a command is about: a task, a configuration file, and what options change in it.
 
-use super::arguments::{IntegratorName, VehicleArguments, is_path};
-use super::page::shown;
-use super::{files, source};
-use clap::{Args, ValueEnum};
+use super::arguments::{self, IntegratorName, VehicleArguments, is_path};
+use super::source;
+use crate::prelude::*;
+use clap::Args;
 use omnidrones::controllers::cascade::Level;
 use omnidrones::dynamics::{Integrator, vehicles};
-use omnidrones::error::{Error, Result};
 use omnidrones::layers::{self, Layer};
 use omnidrones::rl::TrainConfig;
 use omnidrones::tasks::config::TILTING;
 use omnidrones::tasks::randomise::{Action, Distribution, Time};
 use omnidrones::tasks::registry::{self, Entry};
 use omnidrones::tasks::{Change, Env, EnvConfig, Quantity, TaskSpec};
-use std::path::PathBuf;
 use toml::Value;
 
 /// How environments are set up. Options win over the file, the file over the task's own defaults.
@@ -33,8 +31,8 @@ pub struct EnvArguments {
     #[arg(long, value_name = "NAME|FILE")]
     vehicle: Option<String>,
     /// Where actions enter the controllers
-    #[arg(long, value_name = "LEVEL")]
-    control: Option<LevelName>,
+    #[arg(long, value_name = "LEVEL", value_parser = arguments::one_of(&LEVELS))]
+    control: Option<Level>,
     /// How the equations of motion are integrated
     #[arg(long, value_name = "NAME")]
     integrator: Option<IntegratorName>,
@@ -61,32 +59,14 @@ pub struct EnvArguments {
     seed: Option<u64>,
 }
 
-/// Names of the levels at which actions may enter.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum LevelName {
-    /// One command per rotor
-    Rotor,
-    /// Body rates and thrust
-    Rate,
-    /// Thrust, yaw rate, roll and pitch
-    Attitude,
-    /// Velocity and yaw
-    Velocity,
-    /// Distance to go, and yaw
-    Position,
-}
-
-impl From<LevelName> for Level {
-    fn from(name: LevelName) -> Self {
-        match name {
-            LevelName::Rotor => Self::Rotor,
-            LevelName::Rate => Self::Rate,
-            LevelName::Attitude => Self::Attitude,
-            LevelName::Velocity => Self::Velocity,
-            LevelName::Position => Self::Position,
-        }
-    }
-}
+/// The levels at which actions may enter, with what an action is there.
+const LEVELS: [(&str, &str, Level); 5] = [
+    ("rotor", "One command per rotor", Level::Rotor),
+    ("rate", "Body rates and thrust", Level::Rate),
+    ("attitude", "Thrust, yaw rate, roll and pitch", Level::Attitude),
+    ("velocity", "Velocity and yaw", Level::Velocity),
+    ("position", "Distance to go, and yaw", Level::Position),
+];
 
 /// What `--randomise` knows, with how a drawn number acts and what it is.
 pub const QUANTITIES: [(Quantity, Action, &str); 12] = [
@@ -156,7 +136,7 @@ impl EnvArguments {
 
     /// The control level that an option names.
     pub fn level(&self) -> Option<Level> {
-        self.control.map(Level::from)
+        self.control
     }
 
     /// The integrator that an option names.

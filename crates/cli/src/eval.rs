@@ -2,18 +2,14 @@
 
 use super::arguments;
 use super::environment::EnvArguments;
-use super::rollout::{Commands, EpisodeArguments, Flown, SUCCESS, Told, check_horizon};
-use super::rollout_files::LINES;
-use super::{Report, files, progress};
-use omnidrones::error::{Error, Result};
+use super::episodes::{EpisodeArguments, Flown, SUCCESS, Told, check_horizon};
+use crate::prelude::*;
 use omnidrones::parallel::Threads;
 use omnidrones::rl::policy_io::{SavedPolicy, load_policy};
 use omnidrones::rl::refine::{RefineConfig, Refined, refine};
 use omnidrones::rl::{Starts, eval_env};
 use omnidrones::tasks::registry;
-use omnidrones::tasks::{Env, EnvConfig, Record, Watched, evaluate};
-use std::path::{Path, PathBuf};
-use std::time::Instant;
+use omnidrones::tasks::{Buffers, Env, EnvConfig, Watched};
 
 /// What the command is for.
 pub const ABOUT: &str = "\
@@ -122,35 +118,14 @@ impl Ready {
     pub fn fly(&mut self, kept: usize, watch: &mut dyn FnMut(&Watched<'_>)) -> Result<Flown> {
         let (manifest, policy) = (&self.saved.manifest, &mut self.saved.policy);
         policy.reset();
-        let mut record = Record::new(&self.env, LINES);
-        let (begun, commands) = (Instant::now(), Commands::new(&self.env, kept)?);
-        let mut see = |watched: &Watched<'_>| {
-            record.see(watched);
-            commands.see(watched);
-            watch(watched);
-        };
-        let act =
-            &mut |_: &Env, out: &omnidrones::tasks::Buffers, actions: &mut [f32]| policy.act(&out.observation, actions);
-        let evaluation = evaluate(&mut self.env, &mut commands.of(act), &mut see)?;
+        let act = &mut |_: &Env, out: &Buffers, actions: &mut [f32]| policy.act(&out.observation, actions);
         let controller = format!("a policy ({}, update {})", manifest.algorithm, manifest.update);
+        let flown = Flown::of(&mut self.env, act, controller, kept, watch)?;
         let unflown =
             self.saved.skipped.first().map(|first| {
                 format!("an older checkpoint flew: {} is damaged ({})", first.folder.display(), first.why)
             });
-        let (commands, trajectories) = commands.told()?;
-        let wall_time = begun.elapsed().as_secs_f64();
-        Ok(Flown {
-            record,
-            controller,
-            evaluation,
-            commands,
-            trajectories,
-            unflown,
-            lean: self.env.robot().hover_lean(),
-            plan: None,
-            refined: None,
-            wall_time,
-        })
+        Ok(Flown { unflown, ..flown })
     }
 
     /// What more the episodes held, by `iterations` steps up the gradient of the return.

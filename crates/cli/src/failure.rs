@@ -1,14 +1,11 @@
 //! Rotors that fail: how they are named, what they leave, as facts, tables and JSON.
 
-use super::page::{Fact, Page, duration, length, short};
-use super::table::{Table, number};
+use crate::prelude::*;
 use clap::Args;
 use omnidrones::controllers::allocation::WrenchMargin;
 use omnidrones::controllers::allocation::failure::{LEAST_MARGIN, health};
 use omnidrones::controllers::{Assessment, Capability, FailureTable, Flight, FlightPlan, RotorFailure};
 use omnidrones::dynamics::{GRAVITY, Vehicle};
-use omnidrones::error::{Error, Result};
-use serde_json::{Value, json};
 
 /// Which rotors fail, when, and who knows.
 #[derive(Debug, Clone, Args)]

@@ -2,13 +2,16 @@
 
 use omnidrones::error::{Error, Result};
 use omnidrones::internals;
-/// Writes a file of a folder of ours, whole or not at all: what bears its name is replaced, and no link followed.
-pub use omnidrones::internals::replace;
 use omnidrones::rl::checkpoint::Store;
 use serde::de::DeserializeOwned;
 use std::fs::DirEntry;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
+
+/// Writes a file of a folder of ours, whole or not at all: what bears its name is replaced, and no link followed.
+pub fn replace(path: &Path, text: &[u8]) -> Result<()> {
+    internals::replace(path, text)
+}
 
 /// Largest configuration file (settings, gains, reference), bytes.
 pub const MAX_CONFIG_BYTES: u64 = 1 << 20;
@@ -112,7 +115,7 @@ pub fn prepare(folder: &Path, force: bool) -> Result<()> {
     let first = others.into_iter().next();
     let Some(first) = first.filter(|_| !is_ours(folder)) else {
         make_folder(folder)?;
-        return replace(&folder.join(MARK), "Output of omnidrones: commands replace what they wrote here.\n");
+        return replace(&folder.join(MARK), b"Output of omnidrones: commands replace what they wrote here.\n");
     };
     if force {
         return make_folder(folder);
@@ -190,7 +193,7 @@ pub fn write_new(path: &Path, text: &str, force: bool) -> Result<()> {
         return std::fs::write(path, text).map_err(|e| Error::file(path, e));
     }
     make_parent(path)?;
-    replace(&path.canonicalize().unwrap_or(path.to_path_buf()), text)
+    replace(&path.canonicalize().unwrap_or(path.to_path_buf()), text.as_bytes())
 }
 
 /// `out/NAME`, with whatever a vehicle file called itself reduced to one plain folder name.

@@ -12,12 +12,11 @@ use self::around::Around;
 use self::beside::Beside;
 use self::derivatives::Derivatives;
 use self::flown::{Flown, write};
-use super::arguments::{self, FlightArguments, OutputArguments, VehicleArguments};
+use super::arguments::{self, FlightArguments, OutputArguments, Outputs, VehicleArguments};
 use super::failure::{FailureArguments, Story};
-use super::page::short;
 use super::robot::{self, Robot};
 use super::source::{self, Source};
-use super::{Report, files, progress};
+use crate::prelude::*;
 use omnidrones::controllers::mishap::lowest_point;
 use omnidrones::controllers::reference::Lemniscate;
 use omnidrones::controllers::registry::{controller, steerable};
@@ -31,10 +30,8 @@ use omnidrones::dynamics::configurations::environment::{environment, vehicle_in}
 use omnidrones::dynamics::scene::Scene;
 use omnidrones::dynamics::sensors::{SensorConfig, SensorFile, SensorSet};
 use omnidrones::dynamics::{Effects, Gains, Plant};
-use omnidrones::error::{Error, Result};
 use omnidrones::rl::{PolicyController, load_policy};
 use omnidrones_plot::robot::joints;
-use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Seconds left out of the RMSE: the reference starts with a jump of acceleration.
@@ -295,9 +292,8 @@ pub fn run(a: &Arguments) -> Result<Report> {
 }
 
 /// Where the files of a flight go; made if there will be any.
-fn folder(a: &Arguments, name: &str) -> Result<PathBuf> {
-    let usual = files::default_folder(name);
-    if a.csv || a.npz || a.mcap() || a.replay || !a.output.no_plots { a.output.folder(usual) } else { Ok(usual) }
+fn outputs(a: &Arguments, name: &str) -> Result<Outputs> {
+    a.output.open(files::default_folder(name), a.csv || a.npz || a.mcap() || a.replay)
 }
 
 /// What flies, under whom, along what.
@@ -485,7 +481,7 @@ fn flown(a: &Arguments, flyer: Flyer) -> Result<Report> {
     let Flyer { plant, mut controller, plan, what, around, mut warnings } = flyer;
     warnings.extend(degrees::hint(&plan.reference));
     let earlier = a.beside.as_deref().map(Beside::read).transpose()?;
-    let folder = folder(a, plant.name())?;
+    let mut outputs = outputs(a, plant.name())?;
     let bar = progress::bar(plan.n_step()?, "flying", a.output.json);
     let clock = Instant::now();
     let flight = fly(&plant, &mut controller, &plan, &mut |k| {
@@ -509,11 +505,9 @@ fn flown(a: &Arguments, flyer: Flyer) -> Result<Report> {
         }
         story = Story::of(&source.vehicle, &plan, &flight)?;
     }
-    let mut written = write(a, &folder, &plant, &flight, &plan.sensors, after, story.as_ref())?;
-    if let Some(earlier) = earlier.as_ref().filter(|_| !a.output.no_plots) {
-        let path = folder.join(format!("beside.{}", a.output.format.extension()));
-        earlier.figure(&flight.log).save(&path)?;
-        written.push(path);
+    write(a, &mut outputs, &plant, &flight, &plan.sensors, after, story.as_ref())?;
+    if let Some(earlier) = &earlier {
+        outputs.draw("beside", || earlier.figure(&flight.log))?;
     }
     let judgement = judge(&plant, &flight, !a.no_ground)?;
     let (mut histories, mut approach) = (Vec::new(), None);
@@ -538,19 +532,16 @@ fn flown(a: &Arguments, flyer: Flyer) -> Result<Report> {
         plan,
         flight,
         wall_time,
-        written,
+        written: Vec::new(),
     };
     #[cfg(feature = "mcap")]
     if a.mcap {
-        let path = folder.join("flight.mcap");
-        result.write_mcap(&path)?;
-        result.written.push(path);
+        outputs.put("flight.mcap", |path| result.write_mcap(path))?;
     }
     let verdict = result.verdict(a.max_rmse);
     if a.replay {
-        let path = folder.join("replay.html");
-        files::replace(&path, result.replay())?;
-        result.written.push(path);
+        outputs.text("replay.html", result.replay())?;
     }
+    result.written = outputs.written;
     Ok(Report::told(a.output.json, verdict.is_ok(), || result.json(&verdict), || result.page(&verdict)))
 }

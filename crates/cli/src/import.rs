@@ -1,15 +1,12 @@
 //! `omnidrones import`: what is in a URDF, what is odd, what had to be assumed; a draft of its rotor file.
 
 use super::arguments::VehicleArguments;
-use super::page::Page;
-use super::{Report, files, sheet, source};
+use super::{sheet, source};
+use crate::prelude::*;
 use omnidrones::dynamics::Vehicle;
 use omnidrones::dynamics::urdf::{
     Draft, Import, ImportOptions, RotorFile, draft_rotors, import_file, import_text, rotor_file_beside,
 };
-use omnidrones::error::{Error, Result};
-use serde_json::json;
-use std::path::{Path, PathBuf};
 
 /// What the command is for.
 pub const ABOUT: &str = "\

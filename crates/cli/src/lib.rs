@@ -5,7 +5,9 @@
 //! | `fly.rs`, `allocate.rs`, `show.rs`, `models.rs`, `import.rs`, `design.rs`, `linearise.rs`, `recover.rs`, `tune.rs`, `tasks.rs`, `rollout.rs`, `train.rs`, `train_all.rs`, `study.rs`, `eval.rs`, `watch.rs`, `report.rs`, `replay.rs`, `view.rs`, `bench.rs` | one command each |
 //! | `arguments.rs` | arguments that commands share, and how they are read |
 //! | `environment.rs` | which environments: shared by `tasks`, `rollout`, `eval`, `watch` and `bench` |
+//! | `episodes.rs` | episodes that were flown, by whomever: what is asked for, seen and told of them |
 //! | `shown.rs` | whose episodes are shown: a run's policy's or a task's controller's |
+//! | `baseline.rs` | our controller from the starts of a run, and figures beside each other |
 //! | `rollout_all.rs` | `rollout --all`: every task, one line each |
 //! | `rollout_files.rs` | plots and CSV of `rollout` |
 //! | `train_plot.rs`, `train_all_plot.rs` | the learning curves of `train` and `train-all` |
@@ -31,10 +33,12 @@
 
 mod allocate;
 mod arguments;
+mod baseline;
 mod bench;
 mod benchmark;
 mod design;
 mod environment;
+mod episodes;
 mod eval;
 mod failure;
 mod files;
@@ -47,6 +51,7 @@ mod npz;
 mod over_seeds;
 mod page;
 mod plant_box;
+mod prelude;
 mod progress;
 mod recover;
 mod replay;

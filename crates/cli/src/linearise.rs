@@ -1,19 +1,16 @@
 //! `omnidrones linearise`: the exact linear model of a vehicle or a configuration about a steady flight.
 
-use super::arguments::{FlightArguments, VehicleArguments};
+use super::arguments::{self, FlightArguments, Flyer, FlyerArguments};
 use super::design::{is_command, modes_table, out_of_reach, reach, tidy};
 use super::failure::named;
-use super::page::{Fact, Page, short};
-use super::{Report, files, robot, source};
+use super::source;
+use crate::prelude::*;
 use omnidrones::controllers::RotorFailure;
 use omnidrones::controllers::design::{ErrorState, Trim, TrimTarget, trim, trim_damaged};
 use omnidrones::controllers::linear::{Mode, modes, unobservable};
 use omnidrones::dynamics::spatial::to_euler;
 use omnidrones::dynamics::{Disturbance, Physics, Plant, Vehicle};
-use omnidrones::error::{Error, Result};
-use serde_json::json;
 use std::f64::consts::PI;
-use std::path::PathBuf;
 
 /// What the command is for.
 pub const ABOUT: &str = "\
@@ -40,15 +37,10 @@ Exit codes: 0 linearised; 2 unusable input or arguments, or no such steady fligh
 /// Arguments of `linearise`.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = EXAMPLES)]
-#[command(mut_arg("reference", |a| a.hide(true)), mut_arg("gains", |a| a.hide(true)), mut_arg("rates", |a| a.hide(true)))]
+#[command(mut_arg("vehicle", arguments::any_flyer), mut_arg("reference", |a| a.hide(true)), mut_arg("gains", |a| a.hide(true)), mut_arg("rates", |a| a.hide(true)))]
 pub struct Arguments {
-    /// A vehicle ('omnidrones models'), a configuration ('omnidrones show'), or a file FILE.toml or FILE.urdf
-    #[arg(value_name = "VEHICLE|CONFIG|FILE")]
-    vehicle: String,
     #[command(flatten)]
-    rotors: VehicleArguments,
-    #[command(flatten)]
-    flight: FlightArguments,
+    flyer: FlyerArguments,
     /// Velocity [m/s]: forward, left, up
     #[arg(
         long,
@@ -113,37 +105,27 @@ impl Arguments {
 
 /// Linearises.
 pub fn run(a: &Arguments) -> Result<Report> {
-    a.flight.check()?;
-    for (name, given) in [("--reference", &a.flight.reference), ("--gains", &a.flight.gains)] {
+    a.flyer.flight.check()?;
+    let FlightArguments { reference, gains, rates, .. } = &a.flyer.flight;
+    let rates = rates.map(|rates| format!("{rates:?}"));
+    for (name, given) in [("--reference", reference), ("--gains", gains), ("--rates", &rates)] {
         if let Some(given) = given {
             return Err(Error::value(name, given, "none in 'linearise'", "Leave it out: nobody steers here."));
         }
     }
-    if let Some(rates) = &a.flight.rates {
-        let remedy = "Leave it out: nobody steers here.";
-        return Err(Error::value("--rates", format!("{rates:?}"), "none in 'linearise'", remedy));
-    }
     let save = files::model_file(a.save.as_deref(), a.force)?;
-    let physics = a.flight.physics();
-    let (plant, found) = match (robot::configuration(&a.vehicle), &a.fail) {
-        (Some(_), None) => {
-            let plant = Plant::of_model(&robot::load(&a.vehicle, &a.rotors)?.model, physics)?;
+    let physics = a.flyer.flight.physics();
+    let (plant, found) = match (a.flyer.flyer()?, &a.fail) {
+        (Flyer::Configuration(model), None) => {
+            let plant = Plant::of_model(&model, physics)?;
             let found = trim(&plant, &a.target()?)?;
             (plant, found)
         }
-        (Some(_), Some(fail)) => {
-            return Err(Error::value(
-                "--fail",
-                fail,
-                "a rotor of a vehicle",
-                "Rotors of configurations are not lost here.",
-            ));
+        (Flyer::Configuration(_), Some(fail)) => {
+            let remedy = "Rotors of configurations are not lost here.";
+            return Err(Error::value("--fail", fail, "a rotor of a vehicle", remedy));
         }
-        (None, _) => {
-            robot::known(&a.vehicle)?;
-            let vehicle = source::to_use(Some(&a.vehicle), &a.rotors)?.vehicle;
-            a.steady_flight(&vehicle, physics)?
-        }
+        (Flyer::Vehicle(source), _) => a.steady_flight(&source.vehicle, physics)?,
     };
     if plant.rotors().is_empty() {
         let remedy = "Take one that flies: 'omnidrones show' lists all.";
@@ -155,7 +137,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let model = if a.continuous { step.continuous()? } else { step };
     if let Some((file, as_json)) = save {
         let text = if as_json { format!("{:#}\n", model.to_json()) } else { model.to_csv() };
-        files::replace(file, text)?;
+        files::replace(file, text.as_bytes())?;
     }
     if a.json {
         let value = json!({

@@ -1,14 +1,10 @@
 //! `omnidrones models`: the built-in vehicles as a list, or one vehicle as a sheet, TOML or URDF.
 
 use super::arguments::VehicleArguments;
-use super::page::{Fact, Page, short};
 use super::sheet::{self, KeyFigures};
-use super::table::{Table, number};
-use super::{Report, failure, files, source};
+use super::{failure, source};
+use crate::prelude::*;
 use omnidrones::dynamics::{urdf, vehicles};
-use omnidrones::error::Result;
-use serde_json::json;
-use std::path::PathBuf;
 
 /// What the command is for.
 pub const ABOUT: &str = "\

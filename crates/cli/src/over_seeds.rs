@@ -1,13 +1,11 @@
 //! What several seeds came to: figures with mean, least, largest and interval, and what to do about seeds that failed.
 
-use super::page::short;
-use omnidrones::error::Result;
+use crate::prelude::*;
 use omnidrones::rl::log::Line;
 use omnidrones::rl::runs::OverSeeds;
 use omnidrones::rl::trainer::TrainResult;
 use omnidrones::tasks::Evaluation;
 use serde::{Deserialize, Serialize};
-use serde_json::{Value, json};
 
 /// Most points that are kept of a run's curve.
 const CURVE: usize = 64;

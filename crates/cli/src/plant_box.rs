@@ -1,12 +1,10 @@
 //! `omnidrones design --spread`: the same loop over a box of plants.
 
-use super::page::{Fact, Page, short};
-use super::table::Table;
+use crate::prelude::*;
 use omnidrones::controllers::Rates;
 use omnidrones::controllers::design::robustness::robustness;
 use omnidrones::controllers::design::{JudgedPlant, PlantBox, Robustness};
 use omnidrones::dynamics::{Disturbance, Gains, Physics, Vehicle};
-use omnidrones::error::Result;
 use omnidrones::parallel::Threads;
 
 /// Which plants to judge.
@@ -80,22 +78,23 @@ fn named(found: &Robustness) -> [(&'static str, Option<&JudgedPlant>); 4] {
 
 /// Their factors and margins.
 fn table(found: &Robustness) -> Table {
-    let mut table = Table::new("plant | >mass | >inertia | >lag | >forward [mm] | >left [mm] | >disk");
-    for (name, JudgedPlant { plant, disk, .. }) in named(found).into_iter().filter_map(|(name, one)| Some((name, one?)))
-    {
-        let factor = |f: f64| format!("× {}", short(f, 3));
-        let [forward, left] = plant.shift.map(|s| short(1e3 * s, 3));
-        table.row([
-            name.to_string(),
-            factor(plant.mass),
-            factor(plant.inertia),
-            factor(plant.lag),
-            forward,
-            left,
-            short(*disk, 3),
-        ]);
-    }
-    table
+    Table::new("plant | >mass | >inertia | >lag | >forward [mm] | >left [mm] | >disk").filled(
+        named(found).into_iter().filter_map(|(name, one)| Some((name, one?))).map(
+            |(name, JudgedPlant { plant, disk, .. })| {
+                let factor = |f: f64| format!("× {}", short(f, 3));
+                let [forward, left] = plant.shift.map(|s| short(1e3 * s, 3));
+                [
+                    name.to_string(),
+                    factor(plant.mass),
+                    factor(plant.inertia),
+                    factor(plant.lag),
+                    forward,
+                    left,
+                    short(*disk, 3),
+                ]
+            },
+        ),
+    )
 }
 
 /// Why some have no margin.

@@ -1,19 +1,14 @@
 //! `omnidrones recover`: from which attitudes and body rates a controller brings a vehicle or a configuration back.
 
-use super::arguments::{self, FlightArguments, PlotArguments, ThreadArguments, VehicleArguments};
-use super::page::{Fact, Page, duration, length, short};
-use super::progress;
-use super::table::{Align, Table};
-use super::{Report, robot, source};
+use super::arguments::{self, Flyer, FlyerArguments, PlotArguments, ThreadArguments};
+use crate::prelude::*;
 use omnidrones::controllers::recovery::BACK;
 use omnidrones::controllers::registry::controller;
 use omnidrones::controllers::{
     Controller, RecoveryCell, RecoveryMap, RecoveryPlan, Setup, default_controller, recovery_map,
 };
 use omnidrones::dynamics::{Gains, Plant};
-use omnidrones::error::{Error, Result};
 use omnidrones_plot::{Figure, HeatMap};
-use serde_json::json;
 use std::f64::consts::PI;
 use std::time::Instant;
 
@@ -41,16 +36,11 @@ Exit codes: 0 flown; 1 not one start came back; 2 unusable input or arguments.";
 /// Arguments of `recover`.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = EXAMPLES)]
-#[command(mut_arg("reference", |reference| reference.hide(true)))]
+#[command(mut_arg("vehicle", arguments::any_flyer), mut_arg("reference", |reference| reference.hide(true)))]
 #[command(mut_arg("plot", |plot| plot.help("Draw the map into this file (.png or .svg)")))]
 pub struct Arguments {
-    /// A vehicle ('omnidrones models'), a configuration ('omnidrones show'), or a file FILE.toml or FILE.urdf
-    #[arg(value_name = "VEHICLE|CONFIG|FILE")]
-    vehicle: String,
     #[command(flatten)]
-    rotors: VehicleArguments,
-    #[command(flatten)]
-    flight: FlightArguments,
+    flyer: FlyerArguments,
     /// Who flies [default: the controller of its make]
     #[arg(long, value_name = "NAME", help_heading = "Controller")]
     controller: Option<String>,
@@ -112,26 +102,17 @@ impl Arguments {
 
 /// Flies from all starts.
 pub fn run(a: &Arguments) -> Result<Report> {
-    a.flight.check()?;
+    a.flyer.flight.check()?;
     a.output.check()?;
-    if let Some(given) = &a.flight.reference {
-        return Err(Error::value(
-            "--reference",
-            given,
-            "none in 'recover'",
-            "Leave it out: every start returns to a point.",
-        ));
-    }
-    let (plan, rates, physics) = (a.plan()?, a.flight.rates(), a.flight.physics());
-    let (plant, gains): (Plant, Option<Gains>) = match robot::configuration(&a.vehicle) {
-        Some(_) => (Plant::of_model(&robot::load(&a.vehicle, &a.rotors)?.model, physics)?, a.flight.own_gains()?),
-        None => {
-            robot::known(&a.vehicle)?;
-            let source = source::to_use(Some(&a.vehicle), &a.rotors)?;
-            (Plant::of_vehicle(&source.vehicle, physics)?, Some(a.flight.gains(&source.vehicle)?.0))
+    a.flyer.refuse_reference("recover", "Leave it out: every start returns to a point.")?;
+    let (plan, rates, physics) = (a.plan()?, a.flyer.flight.rates(), a.flyer.flight.physics());
+    let (plant, gains): (Plant, Option<Gains>) = match a.flyer.flyer()? {
+        Flyer::Configuration(model) => (Plant::of_model(&model, physics)?, a.flyer.flight.own_gains()?),
+        Flyer::Vehicle(source) => {
+            (Plant::of_vehicle(&source.vehicle, physics)?, Some(a.flyer.flight.gains(&source.vehicle)?.0))
         }
     };
-    arguments::check_gains(&a.flight, a.controller.as_deref(), plant.tree().is_none())?;
+    arguments::check_gains(&a.flyer.flight, a.controller.as_deref(), plant.tree().is_none())?;
     let build = || -> Result<Box<dyn Controller>> {
         let setup = Setup::new(gains.as_ref(), &rates);
         match &a.controller {

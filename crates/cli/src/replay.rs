@@ -1,15 +1,11 @@
 //! `omnidrones replay`: episodes as one page for a browser; and what every command records for such a page.
 
+use super::arguments::PageArguments;
 use super::environment::EnvArguments;
-use super::page::{Page, percent, plain_facts, short};
-use super::rollout::Flown;
+use super::episodes::{Flown, SHOWN, Seen};
 use super::shown::{Flier, check_number};
-use super::{Report, files, progress};
-use omnidrones::error::{Error, Result};
-use omnidrones::tasks::Watched;
-use omnidrones_viewer::{Episodes, Recording, page};
-use serde_json::json;
-use std::path::{Path, PathBuf};
+use crate::prelude::*;
+use omnidrones_viewer::{Recording, page};
 
 /// What the command is for.
 pub const ABOUT: &str = "\
@@ -33,12 +29,10 @@ orange clockwise, red where they failed. Systems of bodies are drawn beside each
 
 Exit codes: 0 written; 2 unusable input or arguments.";
 
-/// Episodes that other commands show.
-pub const SHOWN: usize = 4;
-
 /// Arguments of `replay`.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = EXAMPLES)]
+#[command(mut_arg("out", |out| out.help("The page [default: replay.html in the run's folder, or in out/TASK]")))]
 pub struct Arguments {
     /// Folder of a run, or a task flown by our controller; two of them beside each other
     #[arg(value_name = "RUN|TASK", required = true, num_args = 1..=2)]
@@ -48,50 +42,40 @@ pub struct Arguments {
     envs: usize,
     #[command(flatten)]
     environment: EnvArguments,
-    /// The page [default: replay.html in the run's folder, or in out/TASK]
-    #[arg(long, value_name = "FILE.html", help_heading = "Output")]
-    out: Option<PathBuf>,
-    /// Replace a file that exists
-    #[arg(long, help_heading = "Output")]
-    force: bool,
-    /// Print one JSON object and nothing else
-    #[arg(long, help_heading = "Output")]
-    json: bool,
+    #[command(flatten)]
+    output: PageArguments,
 }
 
 /// Writes.
 pub fn run(a: &Arguments) -> Result<Report> {
     check_number(a.envs)?;
-    if let Some(path) = a.out.as_ref().filter(|p| p.extension().is_none_or(|e| !e.eq_ignore_ascii_case("html"))) {
-        let value = format!("'{}'", path.display());
-        return Err(Error::value("page", value, "a name that ends in .html", "Add .html to it."));
-    }
+    a.output.check()?;
     let flier = |named: &String, beside: Option<&Flier>| Flier::new(named, &a.environment, a.envs, beside);
     let mut fliers = a.shown.iter().map(|named| flier(named, None)).collect::<Result<Vec<_>>>()?;
     if let [one, other] = &fliers[..] {
         let beside = [flier(&a.shown[0], Some(other))?, flier(&a.shown[1], Some(one))?];
         fliers = beside.into();
     }
-    let path = match &a.out {
+    let path = match &a.output.out {
         Some(path) => path.clone(),
         None => {
             let folder = fliers[0].folder(&a.shown[0]);
             if let Flier::Own(_) = fliers[0] {
-                files::prepare(&folder, a.force)?;
+                files::prepare(&folder, a.output.force)?;
             }
             folder.join("replay.html")
         }
     };
-    files::check_new(&path, a.force)?;
+    files::check_new(&path, a.output.force)?;
     files::make_parent(&path)?;
-    let spinner = progress::spinner("flying", a.json);
+    let spinner = progress::spinner("flying", a.output.json);
     let flown: Vec<(Flown, Recording)> = fliers.iter_mut().map(|flier| one(flier, a.envs)).collect::<Result<_>>()?;
     spinner.finish_and_clear();
     let title = flown.iter().map(|(flown, _)| flown.title()).collect::<Vec<_>>().join(" beside ");
     let recordings: Vec<Recording> = flown.iter().map(|(_, recording)| recording.clone()).collect();
     let text = page(&title, &recordings);
-    files::write_new(&path, &text, a.force)?;
-    if a.json {
+    files::write_new(&path, &text, a.output.force)?;
+    if a.output.json {
         let shown = |(flown, recording): &(Flown, Recording)| {
             json!({
                 "task": flown.task(),
@@ -134,60 +118,4 @@ fn one(flier: &mut Flier, envs: usize) -> Result<(Flown, Recording)> {
     let flown = flier.fly(&mut |watched| seen.see(watched))?;
     let recording = seen.recording(&flown)?;
     Ok((flown, recording))
-}
-
-/// What is recorded of episodes while they are flown.
-pub struct Seen {
-    most: usize,
-    episodes: Option<Episodes>,
-    refused: Option<Error>,
-}
-
-impl Seen {
-    /// Of the first `most` environments; of none, nothing is done.
-    pub fn new(most: usize) -> Self {
-        Self { most, episodes: None, refused: None }
-    }
-
-    /// Sees a step; whether a frame came of it.
-    pub fn see(&mut self, watched: &Watched<'_>) {
-        let _ = self.frame(watched);
-    }
-
-    /// As [`see`](Self::see), and whether a frame came of it.
-    pub fn frame(&mut self, watched: &Watched<'_>) -> bool {
-        if self.most == 0 || self.refused.is_some() {
-            return false;
-        }
-        self.seen(watched).unwrap_or_else(|error| {
-            self.refused = Some(error);
-            false
-        })
-    }
-
-    fn seen(&mut self, watched: &Watched<'_>) -> Result<bool> {
-        if watched.step == 1 {
-            self.episodes = Some(Episodes::new(watched.env, self.most)?);
-        }
-        self.episodes.as_mut().map_or(Ok(false), |episodes| episodes.see(watched))
-    }
-
-    /// What was recorded up to now.
-    pub fn so_far(&self) -> Option<&Recording> {
-        self.episodes.as_ref().and_then(Episodes::so_far)
-    }
-
-    /// The recording, with who flew and how well.
-    pub fn recording(self, flown: &Flown) -> Result<Recording> {
-        if let Some(error) = self.refused {
-            return Err(error);
-        }
-        let Some(mut recording) = self.episodes.and_then(Episodes::recording) else {
-            return Err(Error::value("recording", "empty", "at least one step", "Fly longer episodes."));
-        };
-        recording.title = flown.title();
-        recording.remark = flown.headline();
-        recording.facts = plain_facts(&flown.facts());
-        Ok(recording)
-    }
 }

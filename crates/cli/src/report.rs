@@ -3,17 +3,14 @@
 mod runs;
 mod several;
 
+use super::arguments::PageArguments;
+use super::baseline::compare;
 use super::html::html;
-use super::page::Page;
-use super::train::compare;
-use super::{Report, files, progress};
-use omnidrones::error::{Error, Result};
+use crate::prelude::*;
 use omnidrones::parallel::Threads;
 use omnidrones::rl::TrainConfig;
 use omnidrones::tasks::Evaluation;
 use omnidrones::tasks::registry::Entry;
-use serde_json::json;
-use std::path::{Path, PathBuf};
 
 /// What the command is for.
 pub const ABOUT: &str = "\
@@ -39,6 +36,7 @@ Exit codes: 0 written; 2 unusable input or arguments.";
 /// Arguments of `report`.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = EXAMPLES)]
+#[command(mut_arg("out", |out| out.help("The page [default: report.html in the folder of the run, of several reports.html in that of the first]")))]
 pub struct Arguments {
     /// Folders of 'train', 'train --seeds', 'train --search', 'train-all'
     #[arg(value_name = "RUN", required = true)]
@@ -49,15 +47,8 @@ pub struct Arguments {
     /// Leave the flight in space out
     #[arg(long)]
     no_replay: bool,
-    /// The page [default: report.html in the folder of the run, of several reports.html in that of the first]
-    #[arg(long, value_name = "FILE.html", help_heading = "Output")]
-    out: Option<PathBuf>,
-    /// Replace a file that exists
-    #[arg(long, help_heading = "Output")]
-    force: bool,
-    /// Print one JSON object and nothing else
-    #[arg(long, help_heading = "Output")]
-    json: bool,
+    #[command(flatten)]
+    output: PageArguments,
 }
 
 /// What a folder is of.
@@ -84,7 +75,7 @@ impl Kind {
 /// Writes.
 pub fn run(a: &Arguments) -> Result<Report> {
     let path = place(a)?;
-    let spinner = progress::spinner("flying", a.json);
+    let spinner = progress::spinner("flying", a.output.json);
     let telling = Telling { threads: Threads::default(), baselines: !a.no_baseline, replays: !a.no_replay };
     let kinds: Vec<Kind> = a.runs.iter().map(|folder| Kind::of(folder)).collect();
     let origins = a.runs.iter().map(|folder| folder.display().to_string()).collect::<Vec<_>>().join(", ");
@@ -103,8 +94,8 @@ pub fn run(a: &Arguments) -> Result<Report> {
     }
     let text = html(&told);
     spinner.finish_and_clear();
-    files::write_new(&path, &text, a.force)?;
-    if a.json {
+    files::write_new(&path, &text, a.output.force)?;
+    if a.output.json {
         let value = json!({
             "command": "report",
             "version": env!("CARGO_PKG_VERSION"),
@@ -122,13 +113,10 @@ pub fn run(a: &Arguments) -> Result<Report> {
 
 /// Where the page goes; refused before any work where it cannot.
 fn place(a: &Arguments) -> Result<PathBuf> {
-    if let Some(path) = a.out.as_ref().filter(|p| p.extension().is_none_or(|e| !e.eq_ignore_ascii_case("html"))) {
-        let value = format!("'{}'", path.display());
-        return Err(Error::value("page", value, "a name that ends in .html", "Add .html to it."));
-    }
+    a.output.check()?;
     let name = if a.runs.len() == 1 { "report.html" } else { "reports.html" };
-    let path = a.out.clone().unwrap_or_else(|| a.runs[0].join(name));
-    files::check_new(&path, a.force)?;
+    let path = a.output.out.clone().unwrap_or_else(|| a.runs[0].join(name));
+    files::check_new(&path, a.output.force)?;
     Ok(path)
 }
 

@@ -2,10 +2,10 @@
 
 use super::arguments::{VehicleArguments, is_path};
 use super::source;
+use crate::prelude::*;
 use omnidrones::dynamics::assembly::single;
 use omnidrones::dynamics::tree::Model;
 use omnidrones::dynamics::{configurations, vehicles};
-use omnidrones::error::{Error, Result};
 
 /// A model and its story.
 pub struct Robot {

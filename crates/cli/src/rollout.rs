@@ -1,28 +1,15 @@
 //! `omnidrones rollout`: the episodes of a task under a controller, as figures, tables and files.
 
-use super::arguments::{self, OutputArguments, ThreadArguments};
-use super::environment::EnvArguments;
-use super::page::{Fact, Page, duration, percent, share_of, short};
-use super::replay::{SHOWN, Seen};
-use super::rollout_files::{self as out, LINES};
-use super::table::Table;
-use super::trajectories::Trajectories;
-use super::{Report, files, progress, rollout_all, tasks};
+use super::arguments;
+use super::episodes::{EpisodeArguments, Flown, Told, check_horizon};
+use super::rollout_all;
+use crate::prelude::*;
 use clap::ValueEnum;
-use omnidrones::error::{Error, Result};
 use omnidrones::parallel::Threads;
 use omnidrones::rl::parts::Objective;
 use omnidrones::rl::planner::{Planner, PlannerConfig};
-use omnidrones::rl::refine::Refined;
 use omnidrones::tasks::registry::{self, Entry};
-use omnidrones::tasks::{
-    Act, Autoreset, Baseline, Buffers, Env, EnvConfig, Evaluation, Record, Spec, Spread, Watched, evaluate,
-};
-use omnidrones_viewer::page;
-use serde_json::{Value, json};
-use std::cell::RefCell;
-use std::path::{Path, PathBuf};
-use std::time::Instant;
+use omnidrones::tasks::{Autoreset, Baseline, Buffers, Env, EnvConfig, Watched};
 
 /// What the command is for.
 pub const ABOUT: &str = "\
@@ -66,9 +53,6 @@ Exit codes: 0 flown; 2 unusable input or arguments.";
 
 /// Most environments: each has a controller of its own.
 const MAX_EPISODES: usize = 100_000;
-/// Longest episode: each step is kept.
-const MAX_STEPS: usize = 100_000;
-
 /// Arguments of `rollout`.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = EXAMPLES)]
@@ -92,46 +76,6 @@ pub struct Arguments {
     pub(super) plan: PlanArguments,
     #[command(flatten)]
     pub(super) episodes: EpisodeArguments,
-}
-
-/// Which episodes are flown, and where they are told.
-#[derive(Debug, clap::Args)]
-pub struct EpisodeArguments {
-    /// Environments, one episode each
-    #[arg(long, value_name = "N")]
-    pub envs: Option<usize>,
-    #[command(flatten)]
-    pub threads: ThreadArguments,
-    #[command(flatten)]
-    pub environment: EnvArguments,
-    #[command(flatten)]
-    pub output: OutputArguments,
-    /// Write every step and every episode as CSV, and the first episodes step by step
-    #[arg(long, help_heading = "Output")]
-    pub csv: bool,
-    /// Write the first episodes step by step for NumPy: states, observations, actions, rewards
-    #[arg(long, help_heading = "Output")]
-    pub npz: bool,
-    /// Write the first episodes for Foxglove and rerun
-    #[cfg(feature = "mcap")]
-    #[arg(long, help_heading = "Output")]
-    pub mcap: bool,
-    /// How many episodes --csv, --npz and --mcap keep step by step
-    #[arg(long, value_name = "N", default_value_t = 16, help_heading = "Output")]
-    pub trajectories: usize,
-    /// Write replay.html: the first 4 episodes in space, a page for any browser
-    #[arg(long, help_heading = "Output")]
-    pub replay: bool,
-}
-
-impl EpisodeArguments {
-    /// Whether a log for Foxglove and rerun is wanted.
-    fn mcap(&self) -> bool {
-        #[cfg(feature = "mcap")]
-        return self.mcap;
-        #[cfg(not(feature = "mcap"))]
-        return false;
-    }
 }
 
 /// Names of controllers.
@@ -215,40 +159,6 @@ impl PlanArguments {
     }
 }
 
-/// What a success is, for the help of commands that tell its share.
-pub const SUCCESS: &str = "\
-Success is the share of episodes that were not terminated (crashed) and met what the task asks: in the last step an \
-error within its limit, 0.1 m of position in Hover, and where the task asks for an attitude or heading, that within 18°; \
-along a path an error within its limit through the last 2 s; in PayloadHover the error at the end of the longest time \
-without a push; the FlyThrough tasks, Forest, Pinball and Race ask once in the episode, OverFlyThrough and \
-TransportFlyThrough with all drones beyond x = 0.05 m. The page names the rule, and 'omnidrones tasks TASK' too.";
-
-/// What a success is, as a line below a table.
-pub fn success(spec: &Spec) -> String {
-    format!("  Success, not crashed: {}.", spec.success.text())
-}
-
-/// What flew, and how well.
-pub struct Flown {
-    pub record: Record,
-    /// `cascade`, `random`, `planner`.
-    pub controller: String,
-    pub evaluation: Evaluation,
-    /// Step by step, of every command of one agent.
-    pub commands: Vec<Vec<Spread>>,
-    /// The first episodes, where they were to be kept.
-    pub trajectories: Trajectories,
-    /// How many episodes no controller could be made for, and why.
-    pub(super) unflown: Option<String>,
-    /// How the planner planned, where it did.
-    pub(super) plan: Option<PlannerConfig>,
-    /// What more the episodes held, where that was asked for.
-    pub(super) refined: Option<Refined>,
-    /// By how much the vehicle leans in hover, rad.
-    pub(super) lean: f64,
-    pub(super) wall_time: f64,
-}
-
 /// Flies.
 pub fn run(a: &Arguments) -> Result<Report> {
     let usual = EnvConfig { n_env: if a.all { 32 } else { 256 }, ..EnvConfig::default() };
@@ -267,67 +177,9 @@ pub fn run(a: &Arguments) -> Result<Report> {
     }
 }
 
-/// Watches what is commanded: the actions of a step are gone when it is over. Keeps the first episodes step by step.
-pub struct Commands {
-    n_command: usize,
-    given: RefCell<Vec<f32>>,
-    steps: RefCell<Vec<Vec<Spread>>>,
-    kept: RefCell<Trajectories>,
-}
-
-impl Commands {
-    /// Which keeps so many episodes.
-    pub fn new(env: &Env, kept: usize) -> Result<Self> {
-        let n_command = env.spec().action.len();
-        let kept = RefCell::new(Trajectories::new(env, kept)?);
-        Ok(Self { n_command, given: RefCell::default(), steps: RefCell::default(), kept })
-    }
-
-    /// The policy, watched.
-    pub fn of<'a>(&'a self, policy: &'a mut Act<'_>) -> impl FnMut(&Env, &Buffers, &mut [f32]) -> Result<()> + 'a {
-        move |env, out, actions| {
-            policy(env, out, actions)?;
-            let mut given = self.given.borrow_mut();
-            given.clear();
-            given.extend_from_slice(actions);
-            self.kept.borrow_mut().before(env, out, actions);
-            Ok(())
-        }
-    }
-
-    /// Takes a step in: its commands over all agents whose episode it belonged to.
-    pub fn see(&self, watched: &Watched<'_>) {
-        self.kept.borrow_mut().after(watched);
-        let given = self.given.borrow();
-        let agents = given.chunks_exact(self.n_command.max(1));
-        let each = (agents.len() / watched.flying.len().max(1)).max(1);
-        let flying: Vec<(usize, &[f32])> = agents.enumerate().filter(|(row, _)| watched.flying[row / each]).collect();
-        let spread = |k: usize| {
-            let moves = flying.iter().filter(|(row, _)| k < watched.env.spec().n_action_of(row % each));
-            Spread::of(&mut moves.map(|(_, a)| a[k]).collect::<Vec<f32>>())
-        };
-        self.steps.borrow_mut().push((0..self.n_command).map(spread).collect());
-    }
-
-    /// Commands step by step, and the episodes that were kept.
-    pub fn told(self) -> Result<(Vec<Vec<Spread>>, Trajectories)> {
-        Ok((self.steps.into_inner(), self.kept.into_inner().checked()?))
-    }
-}
-
 /// Draws of a random policy: one number per step, apart for every seed.
 fn draw(seed: u64, step: usize) -> u64 {
     seed.rotate_left(32) ^ step as u64
-}
-
-/// Whether every step of an episode can be kept.
-pub(super) fn check_horizon(env: &Env) -> Result<()> {
-    let horizon = env.spec().horizon;
-    if horizon <= MAX_STEPS {
-        return Ok(());
-    }
-    let limit = format!("1 to {MAX_STEPS} steps");
-    Err(Error::limit("horizon", horizon, limit, "Every step is recorded: fly shorter ones."))
 }
 
 /// Environments with who flies them.
@@ -370,58 +222,35 @@ impl Ready {
 
     /// One episode of every environment, of which the first `kept` are kept step by step; `watch` sees every step.
     pub(super) fn fly(&mut self, kept: usize, watch: &mut dyn FnMut(&Watched<'_>)) -> Result<Flown> {
-        if let Pilot::Baseline(own) = &mut self.pilot {
-            // it learns the numbers of an episode once
-            *own = Baseline::new(&self.env)?;
-        }
-        let mut record = Record::new(&self.env, LINES);
-        let (seed, start) = (self.env.spec().config.seed, Instant::now());
-        let commands = Commands::new(&self.env, kept)?;
-        let mut watch = |watched: &Watched<'_>| {
-            record.see(watched);
-            commands.see(watched);
-            watch(watched);
-        };
-        let mut steps = 0;
-        let mut random = |env: &Env, _: &Buffers, actions: &mut [f32]| {
-            env.sample(draw(seed, steps), actions);
-            steps += 1;
-            Ok(())
-        };
-        let (controller, evaluation) = match &mut self.pilot {
+        let seed = self.env.spec().config.seed;
+        let env = &mut self.env;
+        match &mut self.pilot {
             Pilot::Baseline(own) => {
+                // it learns the numbers of an episode once
+                *own = Baseline::new(env)?;
                 let name = own.name().to_string();
-                (name, evaluate(&mut self.env, &mut commands.of(&mut own.policy()), &mut watch)?)
+                let flown = Flown::of(env, &mut own.policy(), name, kept, watch)?;
+                let unflown = own.failures().first().map(|(_, first)| {
+                    let n = own.failures().len();
+                    format!("{n} of the episodes could not be flown, the first because: {first}")
+                });
+                Ok(Flown { unflown, ..flown })
             }
-            Pilot::Random => ("random".into(), evaluate(&mut self.env, &mut commands.of(&mut random), &mut watch)?),
+            Pilot::Random => {
+                let mut steps = 0;
+                let mut random = |env: &Env, _: &Buffers, actions: &mut [f32]| {
+                    env.sample(draw(seed, steps), actions);
+                    steps += 1;
+                    Ok(())
+                };
+                Flown::of(env, &mut random, "random", kept, watch)
+            }
             Pilot::Planner(own) => {
                 let mut plan = |env: &Env, _: &Buffers, actions: &mut [f32]| own.act(env, actions);
-                ("planner".into(), evaluate(&mut self.env, &mut commands.of(&mut plan), &mut watch)?)
+                let flown = Flown::of(env, &mut plan, "planner", kept, watch)?;
+                Ok(Flown { plan: Some(own.config().clone()), ..flown })
             }
-        };
-        let (commands, trajectories) = commands.told()?;
-        let (failures, plan) = match &self.pilot {
-            Pilot::Baseline(own) => (own.failures(), None),
-            Pilot::Random => (&[][..], None),
-            Pilot::Planner(own) => (&[][..], Some(own.config().clone())),
-        };
-        let unflown = failures.first().map(|(_, first)| {
-            format!("{} of the episodes could not be flown, the first because: {first}", failures.len())
-        });
-        let wall_time = start.elapsed().as_secs_f64();
-        let lean = self.env.robot().hover_lean();
-        Ok(Flown {
-            record,
-            controller,
-            evaluation,
-            commands,
-            trajectories,
-            unflown,
-            plan,
-            refined: None,
-            lean,
-            wall_time,
-        })
+        }
     }
 }
 
@@ -431,243 +260,4 @@ fn one(a: &Arguments, entry: &Entry, config: &EnvConfig, threads: &Threads) -> R
     let horizon = ready.env.spec().horizon;
     let told = Told { command: "rollout", by: a.controller.name(), usual: Path::new("out").join(entry.name) };
     told.of(&a.episodes, horizon, |kept, watch| ready.fly(kept, watch))
-}
-
-/// How a command tells of the episodes that it flies.
-pub struct Told<'a> {
-    /// Its name, that of its figure too.
-    pub command: &'static str,
-    /// Who flies, in JSON.
-    pub by: &'a str,
-    /// The folder unless another one was named.
-    pub usual: PathBuf,
-}
-
-impl Told<'_> {
-    /// Flies behind a bar of `horizon` steps, draws and writes what the options want, and tells.
-    pub fn of(
-        self,
-        arguments: &EpisodeArguments,
-        horizon: usize,
-        fly: impl FnOnce(usize, &mut dyn FnMut(&Watched<'_>)) -> Result<Flown>,
-    ) -> Result<Report> {
-        let EpisodeArguments { output, csv, npz, replay, .. } = arguments;
-        let logs = *csv || *npz || arguments.mcap();
-        let writes = logs || *replay || !output.no_plots;
-        let folder = if writes { output.folder(self.usual)? } else { PathBuf::new() };
-        let bar = progress::bar(horizon as u64, "flying", output.json);
-        let kept = if logs { arguments.trajectories } else { 0 };
-        let mut seen = Seen::new(if *replay { SHOWN } else { 0 });
-        let mut logged = Seen::new(if arguments.mcap() { kept } else { 0 });
-        let flown = fly(kept, &mut |watched| {
-            bar.set_position(watched.step as u64);
-            seen.see(watched);
-            logged.see(watched);
-        })?;
-        bar.finish_and_clear();
-        let mut written = Vec::new();
-        if !output.no_plots {
-            let path = folder.join(format!("{}.{}", self.command, output.format.extension()));
-            let spinner = progress::spinner("drawing", output.json);
-            out::draw(&flown, &path)?;
-            spinner.finish_and_clear();
-            written.push(path);
-        }
-        if *csv {
-            written.extend(out::write_csv(&flown.record, &folder)?);
-            let path = folder.join("trajectories.csv");
-            flown.trajectories.write_csv(&path)?;
-            written.push(path);
-        }
-        if *npz {
-            let path = folder.join("trajectories.npz");
-            flown.trajectories.write_npz(&path)?;
-            written.push(path);
-        }
-        #[cfg(feature = "mcap")]
-        if arguments.mcap {
-            let path = folder.join("trajectories.mcap");
-            flown.trajectories.write_mcap(&path, &logged.recording(&flown)?)?;
-            written.push(path);
-        }
-        if *replay {
-            let path = folder.join("replay.html");
-            files::replace(&path, page(&flown.title(), &[seen.recording(&flown)?]))?;
-            written.push(path);
-        }
-        Ok(Report::told(output.json, true, || flown.json(self.command, self.by, &written), || flown.page(&written)))
-    }
-}
-
-impl Flown {
-    /// The registered name.
-    pub fn task(&self) -> &str {
-        &self.record.spec().task
-    }
-
-    /// Who flew what.
-    pub fn title(&self) -> String {
-        format!("{}: {}", self.task(), self.controller)
-    }
-
-    /// Steps of episodes, all together.
-    fn n_step(&self) -> usize {
-        self.record.steps.iter().map(|s| s.n_flying).sum()
-    }
-
-    /// The numbers that matter.
-    pub fn headline(&self) -> String {
-        let (e, record) = (&self.evaluation, &self.record);
-        let error = &record.spec().info[record.first_metric()];
-        let mut parts = vec![
-            format!("return {} ± {}", short(e.return_mean, 4), short(e.return_std, 3)),
-            format!("{} of the bound", percent(e.share_of_bound)),
-            format!("success {}", percent(e.success)),
-            format!("crashed {}", share_of(e.crashed, record.spec().n_env)),
-        ];
-        if let Some((_, unit, last)) = self.final_spreads().next() {
-            let name = error.name.replace('_', " ");
-            parts.push(format!("median {name} at the end {} {unit}", short(last.median, 3)));
-        }
-        parts.join("   ·   ")
-    }
-
-    /// All figures, and what was written.
-    pub fn page(&self, written: &[PathBuf]) -> Page {
-        let mut page = Page::new();
-        let spec = self.record.spec();
-        let how = format!("{} episodes, seed {}, flown by {}", spec.n_env, spec.config.seed, self.controller);
-        page.title(&spec.task, &how).facts(self.facts());
-        page.line(success(spec));
-        if let Some(note) = &self.unflown {
-            page.line(format!("  {note}"));
-        }
-        page.heading("How episodes ended").table(self.ends());
-        page.heading("Reward").table(self.terms());
-        page.heading("In the last step").table(self.metrics());
-        page.written(written);
-        page
-    }
-
-    pub fn facts(&self) -> Vec<Fact> {
-        let (e, spec) = (&self.evaluation, self.record.spec());
-        let error = &spec.info[self.record.first_metric()];
-        let with_unit = |v: f64| format!("{} {}", short(v, 3), error.unit);
-        let bound = spec.reward_bound * spec.horizon as f64;
-        let rate = self.n_step() as f64 / self.wall_time.max(1e-9);
-        let reached = self.refined.as_ref().map(|refined| {
-            Fact::new("share of what is in reach", refined.share().map_or("–".into(), percent)).note(format!(
-                "{} after {} steps up its gradient, {} of them a success: the best flights near its own, by one who knows the episode",
-                short(refined.means().1, 4),
-                refined.iterations,
-                percent(refined.success())
-            ))
-        });
-        let mut facts = vec![
-            Fact::new("return", format!("{} ± {}", short(e.return_mean, 4), short(e.return_std, 3)))
-                .note("mean and standard deviation over the episodes"),
-            Fact::new("share of the bound", percent(e.share_of_bound)).note(format!(
-                "{} = {} × {} steps",
-                short(bound, 5),
-                short(spec.reward_bound, 4),
-                spec.horizon
-            )),
-            Fact::new("success", percent(e.success)).note(format!(
-                "{} to {} with 95 % confidence; by the last error alone {}",
-                percent(e.success_interval[0]),
-                percent(e.success_interval[1]),
-                percent(e.success_by_last_error)
-            )),
-            Fact::new("crashed", share_of(e.crashed, spec.n_env)).note("ended before their time"),
-            Fact::new("length", format!("{} steps", short(e.length, 4))).note(format!(
-                "{} of {} s",
-                short(e.length * spec.dt, 3),
-                short(spec.horizon as f64 * spec.dt, 3)
-            )),
-            Fact::new(format!("{}, mean", error.name.replace('_', " ")), with_unit(e.mean_error))
-                .note("over all steps, the start included"),
-            Fact::new("in the last step", with_unit(e.final_error)).note("mean, crashed episodes included"),
-            Fact::new("took", duration(self.wall_time))
-                .note(format!("{} k steps per second, the controller included", short(1e-3 * rate, 3))),
-        ];
-        facts.splice(2..2, reached);
-        facts.extend(tasks::lean(self.lean, spec));
-        facts
-    }
-
-    fn ends(&self) -> Table {
-        let (spec, e) = (self.record.spec(), &self.evaluation);
-        let mut table = Table::new("reason | >episodes | when");
-        let mut diverged = spec.diverged();
-        if let Some((i, breach)) = (0..spec.n_env).find_map(|i| Some((i, self.record.breach(i)?))) {
-            diverged.condition += &format!(": in episode {i} {breach}");
-        }
-        for (end, share) in spec.ends.iter().chain([&diverged]).zip(&e.ends) {
-            table.row([&end.name, &share_of(*share, spec.n_env), &end.condition]);
-        }
-        table.row(["time", &percent(1.0 - e.crashed), &format!("{} steps are over", spec.horizon)]);
-        table
-    }
-
-    fn terms(&self) -> Table {
-        let mut table = Table::new("term | >mean per episode | >share of its bound | is");
-        let spec = self.record.spec();
-        for (term, mean) in spec.reward.iter().zip(&self.evaluation.terms) {
-            let share =
-                if term.bound > 0.0 { percent(mean / (term.bound * spec.horizon as f64)) } else { "–".into() };
-            table.row([term.name.to_string(), short(*mean, 4), share, term.formula.clone()]);
-        }
-        table
-    }
-
-    fn metrics(&self) -> Table {
-        let mut table = Table::new("metric | >mean | >10 % | >median | >90 % | unit");
-        for (name, unit, s) in self.final_spreads() {
-            let numbers = [s.mean, s.low, s.median, s.high].map(|v| short(v, 3));
-            let [mean, low, median, high] = &numbers;
-            table.row([name, mean, low, median, high, unit]);
-        }
-        table
-    }
-
-    fn final_spreads(&self) -> impl Iterator<Item = (&str, &str, Spread)> {
-        let first = self.record.first_metric();
-        let infos = self.record.spec().info.iter().enumerate().skip(first);
-        infos.map(|(k, info)| (info.name.as_str(), info.unit.as_str(), Spread::of(&mut self.record.ended(k))))
-    }
-
-    /// The same for programs.
-    pub fn json(&self, command: &str, controller: &str, written: &[PathBuf]) -> Value {
-        let (spec, e) = (self.record.spec(), &self.evaluation);
-        let names = spec.ends.iter().map(|end| end.name.as_str()).chain(["diverged"]);
-        let ends: serde_json::Map<_, _> = names.zip(&e.ends).map(|(name, share)| (name.into(), json!(share))).collect();
-        let terms = spec.reward.iter().zip(&e.terms);
-        let terms: serde_json::Map<_, _> = terms.map(|(t, mean)| (t.name.clone(), json!(mean))).collect();
-        let refined = self.refined.as_ref().map(|refined| {
-            let (mean, share, success) = (refined.means().1, refined.share(), refined.success());
-            json!({ "iterations": refined.iterations, "return_mean": mean, "share": share, "success": success, "flown": refined.flown, "best": refined.best })
-        });
-        let metrics: serde_json::Map<_, _> =
-            self.final_spreads().map(|(name, unit, s)| (name.into(), json!({ "unit": unit, "last": s }))).collect();
-        json!({
-            "command": command,
-            "version": env!("CARGO_PKG_VERSION"),
-            "task": spec.task,
-            "controller": controller,
-            "flown_by": self.controller,
-            "plan": self.plan,
-            "refined": refined,
-            "evaluation": e,
-            "ends": ends,
-            "terms": terms,
-            "metrics": metrics,
-            "horizon": spec.horizon,
-            "dt": spec.dt,
-            "reward_bound": spec.reward_bound,
-            "unflown": self.unflown,
-            "wall_time": self.wall_time,
-            "config": spec.config,
-            "files": files::names(written),
-        })
-    }
 }

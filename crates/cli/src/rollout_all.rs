@@ -1,16 +1,11 @@
 //! `rollout --all`: every task that a controller can fly, one line each.
 
-use super::page::{Page, percent, short};
 use super::rollout::{Arguments, ControllerName, Ready};
-use super::rollout_files as out;
-use super::table::{Table, number};
-use super::{Report, files, progress};
-use omnidrones::error::{Error, Result};
+use crate::prelude::*;
 use omnidrones::parallel::Threads;
 use omnidrones::tasks::registry::{Entry, REGISTRY};
 use omnidrones::tasks::{EnvConfig, Evaluation};
-use serde_json::{Value, json};
-use std::path::{Path, PathBuf};
+use omnidrones_plot::{Bar, Bars, Colour, Figure};
 
 /// A task: its figures, or why it was not flown.
 pub struct Line {
@@ -24,8 +19,7 @@ pub struct Line {
 pub fn run(a: &Arguments, config: &EnvConfig, threads: &Threads) -> Result<Report> {
     // refused once, not by every task
     let plan = if a.controller == ControllerName::Planner { Some(a.plan.config()?) } else { None };
-    let writes = !a.episodes.output.no_plots;
-    let folder = if writes { a.episodes.output.folder(Path::new("out").join("tasks"))? } else { PathBuf::new() };
+    let mut outputs = a.episodes.output.open("out/tasks", false)?;
     let bar = progress::bar(REGISTRY.len() as u64, "", a.episodes.output.json);
     let mut lines = Vec::new();
     for entry in REGISTRY {
@@ -38,17 +32,8 @@ pub fn run(a: &Arguments, config: &EnvConfig, threads: &Threads) -> Result<Repor
         let remedy = "Try one task alone: omnidrones rollout TASK.";
         return Err(Error::value("number of tasks flown", format!("0 ({reason})"), "1 or more", remedy));
     }
-    let mut written = Vec::new();
-    if writes {
-        let path = folder.join(format!("tasks.{}", a.episodes.output.format.extension()));
-        let title = match a.controller {
-            ControllerName::Default => "The benchmark tasks under our controllers",
-            ControllerName::Random => "The benchmark tasks under random actions",
-            ControllerName::Planner => "The benchmark tasks under plans",
-        };
-        out::draw_all(&lines, title, &path)?;
-        written.push(path);
-    }
+    outputs.draw("tasks", || figure(&lines, a.controller))?;
+    let written = outputs.written;
     if a.episodes.output.json {
         let tasks: Vec<Value> = lines.iter().map(Line::json).collect();
         let value = json!({
@@ -148,3 +133,26 @@ fn all_page(lines: &[Line], config: &EnvConfig, written: &[PathBuf]) -> Page {
     page.written(written);
     page
 }
+
+/// The tasks that were flown, side by side.
+fn figure(lines: &[Line], controller: ControllerName) -> Figure {
+    let title = match controller {
+        ControllerName::Default => "The benchmark tasks under our controllers",
+        ControllerName::Random => "The benchmark tasks under random actions",
+        ControllerName::Planner => "The benchmark tasks under plans",
+    };
+    let mut bars = Bars::new("Mean return", "share of the bound: best reward of a step × steps [%]");
+    for (line, e) in lines.iter().filter_map(|line| Some((line, line.flown.as_ref().ok()?))) {
+        let note = format!("%   {} success, {} crashed", percent(e.success), percent(e.crashed));
+        let colour = if e.crashed > CRASHES { Colour::VERMILLION } else { Colour::BLUE };
+        bars = bars.bar(Bar::new(line.name, 100.0 * e.share_of_bound).note(note).colour(colour));
+    }
+    let height = 100.0 + 24.0 * bars.bars.len() as f64;
+    Figure::new(title)
+        .subtitle(format!("vermillion: more than {} of the episodes crashed", percent(CRASHES)))
+        .size(900.0, height)
+        .chart(bars)
+}
+
+/// Share of crashes that colours a bar.
+const CRASHES: f64 = 0.05;

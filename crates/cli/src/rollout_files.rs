@@ -1,13 +1,9 @@
 //! What `rollout` leaves in a folder: figures, and every step and episode as CSV.
 
-use super::files;
-use super::page::percent;
-use super::rollout::Flown;
-use super::rollout_all::Line;
-use omnidrones::error::{Error, Result};
+use super::episodes::Flown;
+use crate::prelude::*;
 use omnidrones::tasks::{ActionSpace, Column, Record, Recorded, Spread};
-use omnidrones_plot::{Bar, Bars, Colour, Figure, Panel, Series};
-use std::path::{Path, PathBuf};
+use omnidrones_plot::{Colour, Figure, Panel, Series};
 
 /// Single environments drawn behind the spread.
 pub const LINES: usize = 16;
@@ -16,12 +12,7 @@ const FALL: f64 = 40.0;
 /// Least share of the episodes over which a spread is drawn.
 const ENOUGH: f64 = 0.1;
 
-/// Draws one task: its error, its returns, its reward, its commands.
-pub fn draw(flown: &Flown, path: &Path) -> Result<()> {
-    figure(flown).save(path)
-}
-
-/// The drawing.
+/// One task: its error, its returns, its reward, its commands.
 pub fn figure(flown: &Flown) -> Figure {
     let record = &flown.record;
     let height = if record.steps.iter().any(|s| s.n_flying < record.spec().n_env) { 0.45 } else { 0.0 };
@@ -148,51 +139,30 @@ fn reward(record: &Record) -> Panel {
     whole_time(panel, record)
 }
 
-/// The tasks that were flown, side by side.
-pub fn draw_all(lines: &[Line], title: &str, path: &Path) -> Result<()> {
-    let mut bars = Bars::new("Mean return", "share of the bound: best reward of a step × steps [%]");
-    for (line, e) in lines.iter().filter_map(|line| Some((line, line.flown.as_ref().ok()?))) {
-        let note = format!("%   {} success, {} crashed", percent(e.success), percent(e.crashed));
-        let colour = if e.crashed > CRASHES { Colour::VERMILLION } else { Colour::BLUE };
-        bars = bars.bar(Bar::new(line.name, 100.0 * e.share_of_bound).note(note).colour(colour));
-    }
-    let height = 100.0 + 24.0 * bars.bars.len() as f64;
-    Figure::new(title)
-        .subtitle(format!("vermillion: more than {} of the episodes crashed", percent(CRASHES)))
-        .size(900.0, height)
-        .chart(bars)
-        .save(path)
+/// A line per step, over the episodes that go on.
+pub fn write_steps(record: &Record, path: &Path) -> Result<()> {
+    let rows = record.steps.iter().map(|s| {
+        let spreads = s.metrics.iter().flat_map(|m| [m.mean, m.low, m.median, m.high]);
+        let numbers = [s.time, s.n_flying as f64, s.reward].into_iter().chain(s.terms.iter().copied()).chain(spreads);
+        numbers.map(|x| x.to_string()).collect()
+    });
+    write_table(path, step_header(record), rows)
 }
 
-/// Share of crashes that colours a bar.
-const CRASHES: f64 = 0.05;
-
-/// Writes steps.csv and episodes.csv.
-pub fn write_csv(record: &Record, folder: &Path) -> Result<Vec<PathBuf>> {
-    let steps = folder.join("steps.csv");
-    write_table(
-        &steps,
-        step_header(record),
-        record.steps.iter().map(|s| {
-            let spreads = s.metrics.iter().flat_map(|m| [m.mean, m.low, m.median, m.high]);
-            let numbers =
-                [s.time, s.n_flying as f64, s.reward].into_iter().chain(s.terms.iter().copied()).chain(spreads);
-            numbers.map(|x| x.to_string()).collect()
-        }),
-    )?;
-    let episodes = folder.join("episodes.csv");
+/// A line per episode.
+pub fn write_episodes(record: &Record, path: &Path) -> Result<()> {
     let spec = record.spec();
     let units = spec.info.iter().map(|i| format!("{} [{}]", i.name, i.unit));
     let header = ["environment".to_string(), "ended_by".into()].into_iter().chain(units).collect();
     let ends = (0..spec.n_env).map(|i| record.why(i)).collect::<Result<Vec<_>>>()?;
+    let rows = record.last.chunks_exact(spec.info.len()).zip(ends).enumerate();
     write_table(
-        &episodes,
+        path,
         header,
-        record.last.chunks_exact(spec.info.len()).zip(ends).enumerate().map(|(i, (row, end))| {
+        rows.map(|(i, (row, end))| {
             [i.to_string(), end.into()].into_iter().chain(row.iter().map(f32::to_string)).collect()
         }),
-    )?;
-    Ok(vec![steps, episodes])
+    )
 }
 
 fn step_header(record: &Record) -> Vec<String> {

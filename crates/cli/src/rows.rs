@@ -1,15 +1,14 @@
 //! Rows of tables of runs: one configuration, several seeds, kept in a file of its own that a later call goes on with.
 
 use super::over_seeds::{Failure, Outcome, split};
-use super::{files, progress, train_seeds};
-use omnidrones::error::{Error, Result};
+use super::train_seeds;
+use crate::prelude::*;
 use omnidrones::parallel::Threads;
 use omnidrones::rl::TrainConfig;
 use omnidrones::rl::log::{self, Line};
 use omnidrones::rl::runs::{Run, fingerprint};
 use omnidrones_studies::plan::label;
 use serde::{Deserialize, Serialize};
-use std::path::{Path, PathBuf};
 
 /// Largest file of a row, bytes.
 pub const MAX_ROW: u64 = 16 << 20;
@@ -133,7 +132,7 @@ pub fn train(asked: &Asked<'_>, folder: &Path, threads: &Threads, bar: &indicati
     row.failed = failed;
     if known.as_ref() != Some(&row) {
         let text = serde_json::to_string_pretty(&row).unwrap_or_default();
-        files::replace(&path, &(text + "\n"))?;
+        files::replace(&path, (text + "\n").as_bytes())?;
     }
     row.runs.retain(|run| run.seed < asked.seeds);
     Ok(row)

@@ -1,14 +1,11 @@
 //! A vehicle's numbers as facts, tables and JSON.
 
-use super::page::{Fact, Page, short};
-use super::table::{Align, Table, number};
+use crate::prelude::*;
 use nalgebra::DMatrix;
 use omnidrones::controllers::Mixer;
 use omnidrones::dynamics::rotor::ROTOR_PARAMETERS;
 use omnidrones::dynamics::spatial::to_euler;
 use omnidrones::dynamics::{GRAVITY, Gains, Hover, Rotor, Vehicle};
-use omnidrones::error::{Error, Result};
-use serde_json::{Value, json};
 
 /// What characterises a vehicle; `None` where it cannot hover.
 pub struct KeyFigures {
@@ -166,12 +163,12 @@ pub fn vector(values: &[f64], digits: usize) -> String {
 
 /// Parts with mass, place and inertia; equal rows stay apart, since names matter.
 pub fn parts(vehicle: &Vehicle) -> Table {
-    let mut table = Table::new("part | >mass [kg] | centre of mass [m] | inertia xx yy zz [kg m²]");
-    for part in &vehicle.parts {
-        let i = &part.inertia;
-        table.row([part.name.clone(), short(part.mass, 4), vector(&part.position, 3), vector(&[i.xx, i.yy, i.zz], 3)]);
-    }
-    table
+    Table::new("part | >mass [kg] | centre of mass [m] | inertia xx yy zz [kg m²]").filled(vehicle.parts.iter().map(
+        |part| {
+            let i = &part.inertia;
+            [part.name.clone(), short(part.mass, 4), vector(&part.position, 3), vector(&[i.xx, i.yy, i.zz], 3)]
+        },
+    ))
 }
 
 /// A size of a rotor: symbol, what it is, unit, scale to that unit, value.

@@ -1,17 +1,12 @@
 //! `omnidrones show`: an articulated system as a tree, as tables, as JSON, as a drawing.
 
-use super::Report;
 use super::arguments::{PlotArguments, VehicleArguments};
-use super::page::{Fact, Page, short};
 use super::robot::{self, Robot};
 use super::sheet::vector;
-use super::table::Table;
+use crate::prelude::*;
 use omnidrones::dynamics::tree::{Body, Drive, Joint, Model, Motion, Multibody, center_of_mass};
 use omnidrones::dynamics::{GRAVITY, Physics, configurations, vehicles};
-use omnidrones::error::Result;
 use omnidrones_plot::model;
-use serde_json::{Value, json};
-use std::path::PathBuf;
 
 /// What the command is for.
 pub const ABOUT: &str = "\
@@ -248,23 +243,23 @@ fn tables(page: &mut Page, model: &Model) {
 }
 
 fn rotors(model: &Model) -> Table {
-    let mut table = Table::new(">rotor | name | on | hub [m] | axis | spin | >T_max [N] | >Ω_max [rad/s] | >lag [ms]");
-    for (i, mounted) in model.rotors().iter().enumerate() {
-        let r = &mounted.rotor;
-        let lag = [r.time_constant_up, r.time_constant_down].map(|t| short(1e3 * t, 3));
-        table.row([
-            i.to_string(),
-            r.name.clone(),
-            model.bodies()[mounted.body].name.clone(),
-            vector(&r.position, 3),
-            direction(r.axis),
-            if r.spin > 0.0 { "counter-clockwise".into() } else { "clockwise".into() },
-            short(r.max_thrust(), 4),
-            short(r.max_speed, 4),
-            if lag[0] == lag[1] { lag[0].clone() } else { lag.join(" / ") },
-        ]);
-    }
-    table
+    Table::new(">rotor | name | on | hub [m] | axis | spin | >T_max [N] | >Ω_max [rad/s] | >lag [ms]").filled(
+        model.rotors().iter().enumerate().map(|(i, mounted)| {
+            let r = &mounted.rotor;
+            let lag = [r.time_constant_up, r.time_constant_down].map(|t| short(1e3 * t, 3));
+            [
+                i.to_string(),
+                r.name.clone(),
+                model.bodies()[mounted.body].name.clone(),
+                vector(&r.position, 3),
+                direction(r.axis),
+                if r.spin > 0.0 { "counter-clockwise".into() } else { "clockwise".into() },
+                short(r.max_thrust(), 4),
+                short(r.max_speed, 4),
+                if lag[0] == lag[1] { lag[0].clone() } else { lag.join(" / ") },
+            ]
+        }),
+    )
 }
 
 fn servos(model: &Model) -> Table {
@@ -295,11 +290,13 @@ fn servos(model: &Model) -> Table {
 }
 
 fn frames(model: &Model) -> Table {
-    let mut table = Table::new("frame | on | origin [m]");
-    for frame in &model.parts().frames {
-        table.row([frame.name.clone(), model.bodies()[frame.body].name.clone(), vector(&frame.position, 3)]);
-    }
-    table
+    Table::new("frame | on | origin [m]").filled(
+        model
+            .parts()
+            .frames
+            .iter()
+            .map(|frame| [frame.name.clone(), model.bodies()[frame.body].name.clone(), vector(&frame.position, 3)]),
+    )
 }
 
 /// Where everything stands, equal kinds of neighbours together.

@@ -1,12 +1,12 @@
 //! Whose episodes are shown: the policy of a run, or a task under our own controller.
 
 use super::environment::EnvArguments;
-use super::rollout::{ControllerName, Flown, PlanArguments};
-use super::{eval, rollout, train};
-use omnidrones::error::{Error, Result};
+use super::episodes::Flown;
+use super::rollout::{ControllerName, PlanArguments};
+use super::{baseline, eval, rollout};
+use crate::prelude::*;
 use omnidrones::parallel::Threads;
 use omnidrones::tasks::{Autoreset, EnvConfig, Watched, registry};
-use std::path::Path;
 
 /// Most episodes in one picture.
 pub const MAX_SHOWN: usize = 16;
@@ -37,7 +37,7 @@ impl Flier {
         if let (false, Ok(entry)) = (path.exists(), registry::by_name(named)) {
             let usual = match beside {
                 Some(Self::Policy(ready)) if ready.saved.manifest.task == entry.name => {
-                    train::for_controller(entry, &ready.saved.config)
+                    baseline::for_controller(entry, &ready.saved.config)
                 }
                 _ => EnvConfig::default(),
             };

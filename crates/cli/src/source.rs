@@ -1,14 +1,10 @@
 //! A vehicle from whatever the user typed: a built-in name, a vehicle TOML, a URDF, or nothing.
 
 use super::arguments::{VehicleArguments, is_path};
-use super::files;
-use super::page::{Page, shown};
+use crate::prelude::*;
 use omnidrones::controllers::CascadeModel;
 use omnidrones::dynamics::urdf::{Import, ImportOptions, RotorFile, import_file, import_text, rotor_file_beside};
 use omnidrones::dynamics::{MAX_ROTORS, Vehicle, configurations, vehicles};
-use omnidrones::error::{Error, Result};
-use serde_json::{Value, json};
-use std::path::{Path, PathBuf};
 
 /// The URDF that is flown when nothing is named; built in, so that every folder gives the same flight.
 const DEFAULT_URDF: (&str, &str) = ("assets/urdf/plain_x.urdf", include_str!("../../../assets/urdf/plain_x.urdf"));

@@ -2,15 +2,14 @@
 
 mod figure;
 
-use super::arguments::{self, OutputArguments, ThreadArguments};
+use super::arguments::{self, OutputArguments, Outputs, ThreadArguments, algorithms};
+use super::baseline::compare;
 use super::html::{html, markdown};
+use super::over_seeds;
 use super::over_seeds::{Failure, shown, spread};
-use super::page::{Block, Page, count, duration, percent, short};
+use super::page::Block;
 use super::rows::{self, Row};
-use super::table::Table;
-use super::train::{algorithms, compare};
-use super::{Report, files, over_seeds, progress};
-use omnidrones::error::Result;
+use crate::prelude::*;
 use omnidrones::parallel::Threads;
 use omnidrones::rl::TrainConfig;
 use omnidrones::rl::log::Line;
@@ -19,9 +18,7 @@ use omnidrones::tasks::Evaluation;
 use omnidrones::tasks::registry;
 use omnidrones_studies::plan::{self, Cell, Claim, Plan};
 use omnidrones_studies::verdict::Outcome;
-use serde_json::{Value, json};
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
 
 /// What the command is for.
 pub const ABOUT: &str = "\
@@ -105,7 +102,8 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let threads = a.threads.threads()?;
     let plan = Plan::by_name(&a.name)?;
     let asked = plan.cells(&a.tasks, &a.algos, a.budget)?;
-    let folder = a.output.folder(format!("runs/study-{}", a.name))?;
+    let mut outputs = a.output.open(format!("runs/study-{}", a.name), true)?;
+    let folder = outputs.folder.clone();
     let seeds = a.seeds.unwrap_or(plan.seeds);
     let mut failed = Vec::new();
     if !a.no_train {
@@ -114,9 +112,9 @@ pub fn run(a: &Arguments) -> Result<Report> {
         bar.finish_and_clear();
     }
     let study = Study { failed, ..Study::read(plan, &folder, a, seeds, &threads)? };
-    let written = study.write(&folder, a)?;
+    study.write(&mut outputs)?;
     let success = study.failed.is_empty();
-    Ok(Report::told(a.output.json, success, || study.value(), || study.page(&written)))
+    Ok(Report::told(a.output.json, success, || study.value(), || study.page(&outputs.written)))
 }
 
 /// What failed of a row, in words.
@@ -161,27 +159,16 @@ impl Study {
         Ok(Self { name: a.name.clone(), plan, budget: a.budget, seeds, rows, controllers, failed: Vec::new() })
     }
 
-    fn write(&self, folder: &Path, a: &Arguments) -> Result<Vec<PathBuf>> {
-        let file = |name: &str| folder.join(name);
-        let drawn = if a.output.no_plots { None } else { figure::figure(&self.plan.title, &self.rows) };
-        let curves = format!("curves.{}", a.output.format.extension());
-        let mut written = Vec::new();
-        if let Some(figure) = &drawn {
-            figure.save(file(&curves))?;
-            written.push(file(&curves));
+    fn write(&self, outputs: &mut Outputs) -> Result<()> {
+        let drawn = outputs.plots.and_then(|kind| Some((figure::figure(&self.plan.title, &self.rows)?, kind)));
+        let curves = drawn.as_ref().map(|(figure, kind)| Ok((figure.svg()?, format!("curves.{kind}")))).transpose()?;
+        if let Some((figure, _)) = drawn {
+            outputs.draw("curves", || figure)?;
         }
-        let svg = drawn.map(|figure| figure.svg()).transpose()?;
-        let document = self.document(svg.map(|svg| (svg, curves)));
-        let texts = [
-            ("study.md", markdown(&document)),
-            ("study.html", html(&document)),
-            ("study.json", format!("{:#}\n", self.value())),
-        ];
-        for (name, text) in texts {
-            files::replace(&file(name), &text)?;
-            written.push(file(name));
-        }
-        Ok(written)
+        let document = self.document(curves);
+        outputs.text("study.md", markdown(&document))?;
+        outputs.text("study.html", html(&document))?;
+        outputs.text("study.json", format!("{:#}\n", self.value()))
     }
 
     /// Whether all seeds of a row are there.

@@ -1,17 +1,13 @@
 //! `omnidrones tasks`: the benchmark tasks as a list, or one of them with everything that a learner meets.
 
-use super::Report;
 use super::environment::{self, EnvArguments, QUANTITIES, usual_vehicle};
-use super::page::{Fact, Page, short};
-use super::table::Table;
+use crate::prelude::*;
 use omnidrones::controllers::cascade::Level;
-use omnidrones::error::Result;
 use omnidrones::tasks::randomise::Action;
 use omnidrones::tasks::registry::{self, Entry, REGISTRY};
 use omnidrones::tasks::robot::{DAMPING, MOTOR_TIME_CONSTANT};
 use omnidrones::tasks::task_spec::{Field, total};
 use omnidrones::tasks::{ActionSpace, Baseline, Env, EnvConfig, Space, Spec};
-use serde_json::{Value, json};
 
 /// What the command is for.
 pub const ABOUT: &str = "\
@@ -269,11 +265,8 @@ impl Described {
 
     /// What −1 … 1 of every command means.
     fn meanings(&self) -> Table {
-        let mut table = Table::new("command | −1 … 1 means");
-        for (names, meaning) in commands_of(&self.env) {
-            table.row([commands(&names), meaning]);
-        }
-        table
+        Table::new("command | −1 … 1 means")
+            .filled(commands_of(&self.env).into_iter().map(|(names, meaning)| [commands(&names), meaning]))
     }
 
     fn reward(&self) -> Table {
@@ -304,11 +297,8 @@ impl Described {
     }
 
     fn infos(&self) -> Table {
-        let mut table = Table::new("info | unit | meaning");
-        for info in &self.env.spec().info {
-            table.row([&info.name, &info.unit, &info.meaning]);
-        }
-        table
+        Table::new("info | unit | meaning")
+            .filled(self.env.spec().info.iter().map(|info| [&info.name, &info.unit, &info.meaning]))
     }
 
     fn settings(&self) -> Table {

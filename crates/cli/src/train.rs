@@ -1,28 +1,23 @@
 //! `omnidrones train`: a task, a policy from random weights, and what it came to.
 
-use super::arguments::{self, OutputArguments};
+use super::arguments::{self, OutputArguments, algorithms};
+use super::baseline::{MAX_COMPARED, compare, results, spec};
 use super::environment::{self, EnvArguments, usual_vehicle};
-use super::page::{Fact, Page, count, duration, percent, share_of, short};
-use super::rollout::{SUCCESS, success};
-use super::table::Table;
+use super::episodes::{SUCCESS, success};
+use super::replay;
 use super::train_plot::{self, Curves};
 use super::train_search::{self, axis, combinations};
 use super::train_seeds::{self, Asked};
-use super::{Report, files, progress, replay};
-use clap::builder::PossibleValuesParser;
-use omnidrones::controllers::cascade::Level;
-use omnidrones::error::{Error, Result};
+use crate::prelude::*;
 use omnidrones::layers::{self, Layer};
 use omnidrones::parallel::Threads;
 use omnidrones::rl::trainer::{Progress, TrainResult, Trainer};
-use omnidrones::rl::{Starts, TrainConfig, algorithm, checkpoint};
+use omnidrones::rl::{Starts, TrainConfig, checkpoint};
 use omnidrones::tasks::registry::{self, Entry};
-use omnidrones::tasks::{Autoreset, Baseline, EnvConfig, Evaluation, Metric, Spec, evaluate};
-use serde_json::{Value, json};
+use omnidrones::tasks::{EnvConfig, Evaluation, Metric, Spec};
 use std::collections::BTreeMap;
 use std::io::Write;
 use std::ops::ControlFlow;
-use std::path::{Path, PathBuf};
 
 /// What the command is for.
 pub const ABOUT: &str = "\
@@ -82,9 +77,6 @@ JSON: SI units; shares from 0 to 1; null where a number does not exist.
 
 Exit codes: 0 trained; 1 a seed failed; 2 unusable input or arguments.";
 
-/// Most episodes that a controller flies for comparison: it is slower than a policy.
-const MAX_COMPARED: usize = 256;
-
 /// Arguments of `train`.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = format!("{EXAMPLES}\n\n{SUCCESS}\n\n{FILES}"))]
@@ -133,11 +125,6 @@ pub struct Arguments {
     environment: EnvArguments,
 }
 
-/// Names that `--algo` takes.
-pub fn algorithms() -> PossibleValuesParser {
-    PossibleValuesParser::new(algorithm::names().into_iter().chain(algorithm::VARIANTS.iter().map(|own| own.name)))
-}
-
 /// Trains.
 pub fn run(a: &Arguments) -> Result<Report> {
     let entry = registry::by_name(&a.task)?;
@@ -159,7 +146,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     }
     // before any folder is made
     let trainer = Trainer::new(entry.name, config, threads.clone())?;
-    files::prepare(&folder, a.output.force)?;
+    let mut outputs = a.output.open(&folder, true)?;
     if a.output.force && !a.resume {
         files::remove_run(&folder)?;
     }
@@ -181,20 +168,14 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let algorithm = a.algo.clone().unwrap_or_else(|| config.algorithm.name().into());
     let mut trained =
         Trained { entry, spec, error, algorithm, config, was_over, outcome, baseline, notes, written: Vec::new() };
-    if !a.output.no_plots {
-        let path = folder.join(format!("curve.{}", a.output.format.extension()));
-        train_plot::draw(&trained.curves(), &path)?;
-        trained.written.push(path);
-    }
     if a.replay {
-        let path = folder.join("replay.html");
-        files::replace(&path, replay::of_run(&folder)?)?;
-        trained.written.insert(0, path);
+        outputs.text("replay.html", replay::of_run(&folder)?)?;
     }
-    let (path, text) = (folder.join("result.json"), format!("{:#}\n", trained.json()));
-    files::replace(&path, &text)?;
-    let files = ["log.jsonl", "curve.csv", "config.toml"].map(|name| folder.join(name));
-    trained.written.extend(files.into_iter().chain([path]).chain(trained.outcome.checkpoint.clone()));
+    outputs.draw("curve", || train_plot::figure(&trained.curves()))?;
+    trained.written = outputs.written.clone();
+    outputs.text("result.json", format!("{:#}\n", trained.json()))?;
+    let files = ["log.jsonl", "curve.csv", "config.toml", "result.json"].map(|name| folder.join(name));
+    trained.written.extend(files.into_iter().chain(trained.outcome.checkpoint.clone()));
     Ok(Report::told(a.output.json, true, || trained.json(), || trained.page(&folder)))
 }
 
@@ -204,7 +185,6 @@ fn several(a: &Arguments, entry: &Entry, config: &TrainConfig, threads: &Threads
     let n = a.seeds.unwrap_or(if searches { 3 } else { 1 });
     let usual = default_folder(entry, config, a.algo.as_deref())?;
     let what = if searches { "search" } else { "seeds" };
-    let folder = a.output.out.clone().unwrap_or_else(|| PathBuf::from(format!("{}-{what}", usual.display())));
     let settings = |folder: &Path, seed: u64| {
         let fresh = TrainConfig { seed, ..config.clone() };
         let own = own_settings(folder)?.filter(|_| a.resume);
@@ -216,11 +196,9 @@ fn several(a: &Arguments, entry: &Entry, config: &TrainConfig, threads: &Threads
         config,
         settings: &settings,
         seeds: (config.seed..config.seed.saturating_add(n)).collect(),
-        folder,
+        usual: PathBuf::from(format!("{}-{what}", usual.display())),
         resume: a.resume,
-        force: a.output.force,
-        json: a.output.json,
-        plot: (!a.output.no_plots).then(|| a.output.format.extension()),
+        output: &a.output,
     };
     if !searches {
         return train_seeds::run(&asked, threads);
@@ -363,78 +341,6 @@ fn message(p: &Progress<'_>, rate: f64) -> String {
     let phases = p.phases.iter().filter(|(_, share)| *share > 0.05);
     parts.push(phases.map(|(name, share)| format!("{name} {:.0} %", 100.0 * share)).collect::<Vec<_>>().join(" "));
     parts.join(" · ")
-}
-
-/// What an environment of the run is like, and what the task's error is.
-pub fn spec(entry: &Entry, config: &TrainConfig) -> Result<(Spec, Metric)> {
-    let env = entry.env(&EnvConfig { n_env: 1, ..config.seen_env() })?;
-    let error = env.task_spec().metrics.first().cloned();
-    Ok((env.spec().clone(), error.unwrap_or(Metric { name: "error".into(), unit: "–".into() })))
-}
-
-/// The environments of a run's evaluations for one of our controllers, which acts on the rotors. One that stands beside a policy of
-/// velocities, say, which is asked a few times a second, is asked as often as a rotor must be, for as long.
-pub fn for_controller(entry: &Entry, config: &TrainConfig) -> EnvConfig {
-    let mut env = EnvConfig {
-        n_env: config.evaluate.envs.min(MAX_COMPARED),
-        seed: config.evaluate.seed,
-        first_environment: 0,
-        autoreset: Autoreset::Disabled,
-        control: Level::Rotor,
-        residual: 0.0,
-        actions: Default::default(),
-        observation: Vec::new(),
-        ..config.env.clone().whole_episodes()
-    };
-    let usual = EnvConfig::default();
-    if config.env.control != Level::Rotor && env.dt > usual.dt {
-        if let Ok(made) = entry.env(&EnvConfig { n_env: 1, ..env.clone() }) {
-            let steps = (made.spec().horizon as f64 * env.dt / usual.dt).round();
-            env.task.insert("horizon".into(), (steps as i64).into());
-        }
-        (env.dt, env.control_rate) = (usual.dt, usual.control_rate);
-    }
-    env
-}
-
-/// Our controller from the first of the same starts; none if there is no controller for the task.
-pub fn compare(entry: &Entry, config: &TrainConfig, threads: &Threads) -> Option<(String, Evaluation)> {
-    let env = for_controller(entry, config);
-    let slower = config.env.dt / env.dt;
-    let mut env = entry.env(&env).ok()?;
-    env.set_threads(threads.clone());
-    let mut own = Baseline::new(&env).ok()?;
-    let mut name = own.name().to_string();
-    if slower > 1.0 {
-        name += &format!(", every {} ms", short(1e3 * env.spec().dt, 3));
-    }
-    let mut told = evaluate(&mut env, &mut own.policy(), &mut |_| {}).ok()?;
-    if slower > 1.0 {
-        // sums over steps, as over those of the policy beside it
-        let sums = [&mut told.return_mean, &mut told.return_std, &mut told.length];
-        sums.into_iter().chain(&mut told.terms).for_each(|sum| *sum /= slower);
-    }
-    Some((name, told))
-}
-
-/// Who flew how well, a row each; errors in this unit.
-pub fn results<'a>(unit: &str, flown: impl IntoIterator<Item = &'a (String, Evaluation)>) -> Table {
-    let mut table = Table::new(&format!(
-        "flown by | >success | >crashed | >final error [{unit}] | >mean error [{unit}] | >return | >share of bound | >length"
-    ));
-    for (name, e) in flown {
-        let numbers = [
-            percent(e.success),
-            share_of(e.crashed, e.n_episode),
-            short(e.final_error, 3),
-            short(e.mean_error, 3),
-            short(e.return_mean, 4),
-            percent(e.share_of_bound),
-            short(e.length, 4),
-        ];
-        table.row([name.clone()].into_iter().chain(numbers));
-    }
-    table
 }
 
 /// A run that is over.

@@ -1,15 +1,13 @@
 //! `omnidrones train-all`: every task by its recipe, several seeds, one table beside our controllers.
 
-use super::arguments::{self, OutputArguments, ThreadArguments};
+use super::arguments::{self, OutputArguments, ThreadArguments, algorithms};
+use super::baseline::{FIGURES, compare, spec};
+use super::over_seeds;
 use super::over_seeds::{Failure, shown, spread};
-use super::page::{Page, count, duration, percent, short};
 use super::rollout_all::told_errors;
 use super::rows::{self, MAX_ROW, Row};
-use super::table::Table;
-use super::train::{algorithms, compare, spec};
 use super::train_all_plot::{self, Learnt};
-use super::{Report, files, over_seeds, progress};
-use omnidrones::error::Result;
+use crate::prelude::*;
 use omnidrones::parallel::Threads;
 use omnidrones::rl::TrainConfig;
 use omnidrones::rl::log::Line as LogLine;
@@ -17,9 +15,7 @@ use omnidrones::rl::recipes::recipes_of;
 use omnidrones::tasks::registry::{self, Entry, REGISTRY};
 use omnidrones::tasks::{Evaluation, Metric};
 use omnidrones_studies::plan::budgeted;
-use serde_json::{Value, json};
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
 
 /// What the command is for.
 pub const ABOUT: &str = "\
@@ -146,7 +142,8 @@ pub fn run(a: &Arguments) -> Result<Report> {
         [] => REGISTRY.iter().collect(),
         names => names.iter().map(|name| registry::by_name(name)).collect::<Result<Vec<_>>>()?,
     };
-    let folder = a.output.folder("runs/all")?;
+    let mut outputs = a.output.open("runs/all", true)?;
+    let folder = outputs.folder.clone();
     let algorithms = |entry: &Entry| a.algo.as_deref().map_or_else(|| recipes_of(entry.name), |one| vec![one]);
     let trained: Vec<(&'static Entry, Vec<&str>)> = entries.into_iter().map(|e| (e, algorithms(e))).collect();
     let bar = progress::bar(0, "training", a.output.json);
@@ -160,20 +157,11 @@ pub fn run(a: &Arguments) -> Result<Report> {
         }
     }
     bar.finish_and_clear();
-    let mut written = Vec::new();
-    if !a.output.no_plots {
-        written.push(folder.join(format!("curves.{}", a.output.format.extension())));
-        train_all_plot::draw(&learnt(&lines), &written[0])?;
-    }
-    let table = folder.join("table.json");
-    files::replace(&table, format!("{:#}\n", value(&lines, a)))?;
-    written.push(table);
+    outputs.draw("curves", || train_all_plot::figure(&learnt(&lines)))?;
+    outputs.text("table.json", format!("{:#}\n", value(&lines, a)))?;
     let success = lines.iter().all(|line| line.row.as_ref().is_ok_and(|row| row.failed.is_empty()));
-    if a.output.json {
-        return Ok(Report::json(&value(&lines, a), success));
-    }
-    written.push(folder);
-    Ok(Report::page(&page(&lines, a, &written), success))
+    outputs.written.push(folder);
+    Ok(Report::told(a.output.json, success, || value(&lines, a), || page(&lines, a, &outputs.written)))
 }
 
 fn line(
@@ -239,18 +227,9 @@ pub fn table(lines: &[Line]) -> Table {
             spread(runs, |run| run.env_steps as f64).map_or("–".into(), |all| count(all.mean)),
         ]);
         if let Some((name, e)) = &line.baseline {
-            table.row([
-                String::new(),
-                name.clone(),
-                percent(e.success),
-                percent(e.crashed),
-                error(e.final_error),
-                error(e.mean_error),
-                short(e.return_mean, 4),
-                percent(e.share_of_bound),
-                "–".into(),
-                "–".into(),
-            ]);
+            let mut figures = FIGURES.map(|(of, show, _)| show(of(e)));
+            figures[2..4].iter_mut().for_each(|figure| *figure += &own);
+            table.row([String::new(), name.clone()].into_iter().chain(figures).chain(["–".into(), "–".into()]));
         }
     }
     table

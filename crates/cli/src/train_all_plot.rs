@@ -1,12 +1,10 @@
 //! The learning curves of `train-all`: success over environment steps, a panel per task.
 
-use super::page::duration;
 use super::train_plot::{Steps, with};
-use omnidrones::error::Result;
+use crate::prelude::*;
 use omnidrones::rl::log::Line;
 use omnidrones::rl::runs::OverSeeds;
 use omnidrones_plot::{Colour, Figure, Panel, Series};
-use std::path::Path;
 
 /// Most panels side by side.
 const MOST_COLUMNS: usize = 4;
@@ -19,11 +17,6 @@ pub struct Learnt<'a> {
     pub runs: Vec<&'a [Line]>,
     /// Share of successes of our controller, where there is one.
     pub controller: Option<f64>,
-}
-
-/// Draws them.
-pub fn draw(tasks: &[Learnt<'_>], path: &Path) -> Result<()> {
-    figure(tasks).save(path)
 }
 
 /// As large as the number of its panels asks for.

@@ -1,11 +1,9 @@
 //! How a policy learnt: success, error, return and loss over environment steps.
 
-use super::page::short;
-use omnidrones::error::Result;
+use crate::prelude::*;
 use omnidrones::rl::log::Line;
 use omnidrones::tasks::{Evaluation, Metric};
 use omnidrones_plot::{Colour, Figure, Panel, Series};
-use std::path::Path;
 
 /// What a learning curve is drawn from.
 pub struct Curves<'a> {
@@ -22,12 +20,7 @@ pub struct Curves<'a> {
     pub baseline: Option<&'a (String, Evaluation)>,
 }
 
-/// Draws them: panels side by side, two to a row, those without data left out.
-pub fn draw(curves: &Curves<'_>, path: &Path) -> Result<()> {
-    figure(curves).save(path)
-}
-
-/// The drawing.
+/// Panels side by side, two to a row, those without data left out.
 pub fn figure(curves: &Curves<'_>) -> Figure {
     let dashed = curves.baseline.map(|(name, _)| format!("   ·   dashed: {name}, our controller"));
     let subtitle = format!("{}{}", curves.subtitle, dashed.unwrap_or_default());

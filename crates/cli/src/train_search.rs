@@ -1,18 +1,14 @@
 //! `train --search`: which settings are best, by successive halving over seeds.
 
-use super::page::{Page, percent};
-use super::table::{Align, Table};
+use super::arguments::Outputs;
 use super::train_seeds::Asked;
-use super::{Report, files, progress};
-use omnidrones::error::{Error, Result};
+use crate::prelude::*;
 use omnidrones::layers::{self, Layer};
 use omnidrones::parallel::Threads;
 use omnidrones::rl::TrainConfig;
 use omnidrones::rl::search::{Search, SearchResult, Trial};
 use omnidrones_plot::{Colour, Figure, Panel, Series};
-use serde_json::{Value, json};
 use std::collections::BTreeMap;
-use std::path::PathBuf;
 use std::sync::Mutex;
 
 /// Most candidates: each is trained with every seed.
@@ -54,27 +50,28 @@ pub fn combinations(axes: &[(String, Vec<toml::Value>)]) -> Result<Vec<(String, 
 
 /// Searches; `named` are the candidates with what they change.
 pub fn run(asked: &Asked<'_>, named: Vec<(String, TrainConfig)>, factor: usize, threads: &Threads) -> Result<Report> {
-    files::prepare(&asked.folder, asked.force)?;
-    let known = asked.folder.join("search.json");
+    let mut outputs = asked.output.open(&asked.usual, true)?;
+    let folder = outputs.folder.clone();
+    let known = folder.join("search.json");
     if known.exists() && !asked.resume {
-        if !asked.force {
-            let value = format!("'{}', in use", asked.folder.display());
+        if !asked.output.force {
+            let value = format!("'{}', in use", folder.display());
             let remedy = "Go on with it (--resume), replace it (--force), or name another folder (--out).";
             return Err(Error::value("folder of the search", value, "new", remedy));
         }
         std::fs::remove_file(&known).map_err(|e| Error::file(&known, e))?;
         for candidate in 0..named.len() {
             for seed in &asked.seeds {
-                files::remove_run(&asked.folder.join(format!("c{candidate}/s{seed}")))?;
+                files::remove_run(&folder.join(format!("c{candidate}/s{seed}")))?;
             }
         }
     }
     let (names, configs): (Vec<String>, Vec<TrainConfig>) = named.into_iter().unzip();
     let candidates = configs.into_iter().enumerate().map(|(k, config)| (format!("c{k}"), config)).collect();
     let search = Search { candidates, seeds: asked.seeds.clone(), factor };
-    let bar = progress::bar(total(&search), "searching", asked.json);
+    let bar = progress::bar(total(&search), "searching", asked.output.json);
     let done = Mutex::new(BTreeMap::new());
-    let told = search.run(&asked.folder, threads, &|candidate, seed, progress| {
+    let told = search.run(&folder, threads, &|candidate, seed, progress| {
         let Ok(mut done) = done.lock() else { return };
         done.insert((candidate, seed), progress.done);
         bar.set_position(done.values().sum());
@@ -82,21 +79,17 @@ pub fn run(asked: &Asked<'_>, named: Vec<(String, TrainConfig)>, factor: usize, 
     });
     bar.finish_and_clear();
     let told = told?;
-    let winner = asked.folder.join("winner.toml");
+    let title = format!("{}: search by {}", asked.entry.name, asked.algorithm);
+    outputs.draw("search", || figure(&told, &names, &title))?;
     let (_, config) = &search.candidates[told.winner];
-    files::replace(&winner, format!("# {}\n{}", names[told.winner], config.to_toml()?))?;
-    let mut written = vec![winner, known];
-    if let Some(extension) = asked.plot {
-        let path = asked.folder.join(format!("search.{extension}"));
-        figure(&told, &names, &format!("{}: search by {}", asked.entry.name, asked.algorithm)).save(&path)?;
-        written.insert(0, path);
-    }
+    outputs.text("winner.toml", format!("# {}\n{}", names[told.winner], config.to_toml()?))?;
+    outputs.written.push(known);
     let success = told.failures.is_empty();
     Ok(Report::told(
-        asked.json,
+        asked.output.json,
         success,
         || value(&told, &names, asked),
-        || page(&told, &names, &search, asked, &written),
+        || page(&told, &names, &search, asked, &outputs),
     ))
 }
 
@@ -146,7 +139,7 @@ pub fn table(told: &SearchResult, names: &[String]) -> Table {
     table
 }
 
-fn page(told: &SearchResult, names: &[String], search: &Search, asked: &Asked<'_>, written: &[PathBuf]) -> Page {
+fn page(told: &SearchResult, names: &[String], search: &Search, asked: &Asked<'_>, outputs: &Outputs) -> Page {
     let mut page = Page::new();
     let (n, seeds) = (names.len(), asked.seeds.len());
     page.title(
@@ -157,9 +150,9 @@ fn page(told: &SearchResult, names: &[String], search: &Search, asked: &Asked<'_
     page.line(format!("\n{KEY}"));
     let failed = told.failures.iter();
     page.lines("Failed", failed.map(|(candidate, seed, why)| format!("{}, seed {seed}: {why}", names[*candidate])));
-    page.written(written);
+    page.written(&outputs.written);
     page.heading("Next");
-    let file = asked.folder.join("winner.toml");
+    let file = outputs.folder.join("winner.toml");
     page.line(format!(
         "  omnidrones train {} --config {}   the best again, with any seed",
         asked.entry.name,

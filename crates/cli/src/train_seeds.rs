@@ -1,19 +1,16 @@
 //! `train --seeds`: several seeds side by side in one process, and what they say together.
 
+use super::arguments::OutputArguments;
+use super::baseline::{FIGURES, spec};
 use super::over_seeds::{Failure, Outcome, split, spread, value};
-use super::page::{Page, count, duration, percent, short};
-use super::table::Table;
-use super::train::spec;
 use super::train_all_plot::{self, Learnt};
-use super::{Report, files, progress};
-use omnidrones::error::{Error, Result};
+use crate::prelude::*;
 use omnidrones::parallel::Threads;
 use omnidrones::rl::TrainConfig;
 use omnidrones::rl::runs::{self, OverSeeds, Run};
 use omnidrones::rl::trainer::TrainResult;
 use omnidrones::tasks::Metric;
 use omnidrones::tasks::registry::Entry;
-use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 /// What is asked for.
@@ -24,56 +21,49 @@ pub struct Asked<'a> {
     /// Those with which the run of a seed in a folder begins or goes on.
     pub settings: &'a dyn Fn(&Path, u64) -> Result<TrainConfig>,
     pub seeds: Vec<u64>,
-    pub folder: PathBuf,
+    /// The folder unless another one was named.
+    pub usual: PathBuf,
     pub resume: bool,
-    pub force: bool,
-    pub json: bool,
-    /// Type of the plot, if there is to be one.
-    pub plot: Option<&'static str>,
+    pub output: &'a OutputArguments,
 }
 
 /// Trains them.
 pub fn run(asked: &Asked<'_>, threads: &Threads) -> Result<Report> {
-    files::prepare(&asked.folder, asked.force)?;
-    let own = |seed: &u64| asked.folder.join(format!("s{seed}"));
+    let mut outputs = asked.output.open(&asked.usual, true)?;
+    let root = outputs.folder.clone();
+    let own = |seed: &u64| root.join(format!("s{seed}"));
     for folder in asked.seeds.iter().map(own) {
-        begin(&folder, asked.resume, asked.force)?;
+        begin(&folder, asked.resume, asked.output.force)?;
     }
     let run = |seed: &u64| {
         let folder = own(seed);
         Ok(Run { config: (asked.settings)(&folder, *seed)?, folder, until: u64::MAX })
     };
     let all = asked.seeds.iter().map(run).collect::<Result<Vec<Run>>>()?;
-    let bar = progress::bar(all.iter().map(|run| run.config.updates()).sum(), "training", asked.json);
+    let bar = progress::bar(all.iter().map(|run| run.config.updates()).sum(), "training", asked.output.json);
     let told = train(&all, threads, &bar);
     bar.finish_and_clear();
     let (done, failed) = split(&asked.seeds, &told);
     // what earlier calls came to stays
-    if done.is_empty() && asked.resume && asked.folder.join("seeds.json").exists() {
+    if done.is_empty() && asked.resume && root.join("seeds.json").exists() {
         let first = told.into_iter().find_map(Result::err);
         return Err(first.unwrap_or_else(|| Error::value("seeds", 0, "≥ 1", "Give --seeds 5.")));
     }
-    let mut written: Vec<PathBuf> = asked.seeds.iter().map(own).collect();
-    if let Some(extension) = asked.plot {
-        let path = asked.folder.join(format!("curve.{extension}"));
-        let curves = told.iter().flatten().map(|result| &result.curve[..]).collect();
-        let algorithm = asked.algorithm;
-        train_all_plot::draw(&[Learnt { task: asked.entry.name, algorithm, runs: curves, controller: None }], &path)?;
-        written.push(path);
-    }
+    outputs.written.extend(asked.seeds.iter().map(own));
+    let runs = told.iter().flatten().map(|result| &result.curve[..]).collect();
+    let learnt = Learnt { task: asked.entry.name, algorithm: asked.algorithm, runs, controller: None };
+    outputs.draw("curve", || train_all_plot::figure(&[learnt]))?;
     let mut json = value(&done, &failed);
     json["command"] = "train".into();
     json["task"] = asked.entry.name.into();
     json["algorithm"] = asked.algorithm.into();
-    let path = asked.folder.join("seeds.json");
-    files::replace(&path, format!("{json:#}\n"))?;
-    written.push(path);
+    outputs.text("seeds.json", format!("{json:#}\n"))?;
     let success = failed.is_empty();
-    if asked.json {
+    if asked.output.json {
         return Ok(Report::json(&json, success));
     }
     let (_, error) = spec(asked.entry, asked.config)?;
-    Ok(Report::page(&page(asked, &error, &done, &failed, &written), success))
+    Ok(Report::page(&page(asked, &error, &done, &failed, &outputs.written), success))
 }
 
 /// Refuses a run that is there, unless it is to go on or to be replaced.
@@ -111,9 +101,6 @@ fn page(asked: &Asked<'_>, error: &Metric, done: &[Outcome], failed: &[Failure],
     page
 }
 
-/// A figure of an outcome, how it is printed, and by which factor it is printed larger.
-type Figure = (fn(&Outcome) -> f64, fn(f64) -> String, f64);
-
 /// A row per seed, then mean, interval, least and largest.
 pub fn table(error: &Metric, done: &[Outcome]) -> Table {
     let (last, mean) = (format!("final error [{}]", error.unit), format!("mean error [{}]", error.unit));
@@ -121,28 +108,11 @@ pub fn table(error: &Metric, done: &[Outcome]) -> Table {
         "seed | >success | >crashed | >{last} | >{mean} | >return | >share of bound | >time | >env steps"
     ));
     for run in done {
-        let e = &run.evaluation;
-        table.row([
-            run.seed.to_string(),
-            percent(e.success),
-            percent(e.crashed),
-            short(e.final_error, 3),
-            short(e.mean_error, 3),
-            short(e.return_mean, 4),
-            percent(e.share_of_bound),
-            duration(run.seconds),
-            count(run.env_steps as f64),
-        ]);
+        let figures = FIGURES.map(|(of, show, _)| show(of(&run.evaluation)));
+        let cost = [duration(run.seconds), count(run.env_steps as f64)];
+        table.row([run.seed.to_string()].into_iter().chain(figures).chain(cost));
     }
-    let figures: [Figure; 6] = [
-        (|run| run.evaluation.success, percent, 100.0),
-        (|run| run.evaluation.crashed, percent, 100.0),
-        (|run| run.evaluation.final_error, |x| short(x, 3), 1.0),
-        (|run| run.evaluation.mean_error, |x| short(x, 3), 1.0),
-        (|run| run.evaluation.return_mean, |x| short(x, 4), 1.0),
-        (|run| run.evaluation.share_of_bound, percent, 100.0),
-    ];
-    let all = figures.map(|(of, show, scale)| (spread(done, of), show, scale));
+    let all = FIGURES.map(|(of, show, scale)| (spread(done, |run| of(&run.evaluation)), show, scale));
     let mut row = |name: &str, text: &dyn Fn(OverSeeds, fn(f64) -> String, f64) -> String| {
         let cell = |(spread, show, scale): &(Option<OverSeeds>, fn(f64) -> String, f64)| {
             spread.map_or("–".into(), |spread| text(spread, *show, *scale))

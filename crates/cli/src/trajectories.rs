@@ -5,16 +5,15 @@
 
 use super::npz::Npz;
 use super::rollout_files::write_table;
+use crate::prelude::*;
 use omnidrones::controllers::Reference;
 #[cfg(feature = "mcap")]
 use omnidrones::dynamics::Plant;
-use omnidrones::error::{Error, Result};
 #[cfg(feature = "mcap")]
 use omnidrones::internals::replace_with;
 use omnidrones::tasks::{Buffers, Env, Field, Spec, Watched};
 #[cfg(feature = "mcap")]
 use omnidrones_viewer::{Recording, Track, goal, write_mcap};
-use std::path::Path;
 
 /// Most numbers that are kept: 1 GiB.
 const MAX_NUMBERS: usize = 1 << 28;

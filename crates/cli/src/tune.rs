@@ -1,21 +1,17 @@
 //! `omnidrones tune`: gains by gradients through closed-loop flights, judged on starts that the tuning never saw.
 
-use super::arguments::{self, FlightArguments, OutputArguments, VehicleArguments};
-use super::page::{Fact, Page, duration, length, short};
+use super::arguments::{self, FlyerArguments, OutputArguments};
 use super::sheet::{self, KeyFigures};
 use super::tune_grid::{self, GridArguments};
-use super::{Report, files, progress, source};
+use crate::prelude::*;
 use omnidrones::controllers::design::tune::{Evaluation, Iteration, TunePlan, Tuning, tune};
 use omnidrones::controllers::design::{GridCell, Judgement, LoopMargins, MarginGate};
 use omnidrones::controllers::{Flight, FlightPlan, Reference, Share, fly_vehicle};
 use omnidrones::dynamics::aero::wind::Wind;
 use omnidrones::dynamics::{Gains, Plant, Vehicle};
-use omnidrones::error::{Error, Result};
 use omnidrones_plot::{Bar, Bars, Colour, Figure, Panel, Series};
-use serde_json::json;
 use std::fmt::Write;
 use std::ops::ControlFlow;
-use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// What the command is for.
@@ -56,13 +52,8 @@ Exit codes: 0 better on the held-out starts and cells, none lost, and through th
 #[command(after_long_help = EXAMPLES)]
 #[command(mut_arg("out", |out| arguments::out(out, "Folder for what is written [default: out/VEHICLE]")))]
 pub struct Arguments {
-    /// A built-in vehicle ('omnidrones models' lists them), or a file FILE.toml or FILE.urdf
-    #[arg(value_name = "VEHICLE|FILE")]
-    vehicle: String,
     #[command(flatten)]
-    rotors: VehicleArguments,
-    #[command(flatten)]
-    flight: FlightArguments,
+    flyer: FlyerArguments,
     /// Length of each training flight [s] [default: 6, with --grid 3]
     #[arg(long, value_name = "SECONDS", help_heading = "Flight")]
     duration: Option<f64>,
@@ -109,13 +100,13 @@ pub struct Arguments {
 
 /// Tunes.
 pub fn run(a: &Arguments) -> Result<Report> {
-    a.flight.check()?;
-    let source = source::to_use(Some(&a.vehicle), &a.rotors)?;
+    a.flyer.flight.check()?;
+    let source = a.flyer.source()?;
     let vehicle = &source.vehicle;
-    let (gains, gains_name) = a.flight.gains(vehicle)?;
-    let cells = a.grid.cells(vehicle, &a.flight.physics())?;
+    let (gains, gains_name) = a.flyer.flight.gains(vehicle)?;
+    let cells = a.grid.cells(vehicle, &a.flyer.flight.physics())?;
     let plan = plan(a, &cells)?;
-    let folder = a.output.folder(files::default_folder(&vehicle.name))?;
+    let mut outputs = a.output.open(files::default_folder(&vehicle.name), true)?;
 
     let bar = progress::bar(a.iterations as u64, "judging, then tuning", a.output.json);
     bar.enable_steady_tick(Duration::from_millis(200));
@@ -132,22 +123,18 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let held_out = !tuning.is_worse_held_out() && tuning.held_out.is_none_or(|[_, after]| after.crashed == 0);
     let better = passes && held_out && tuning.after.crashed == 0 && tuning.after.rmse < tuning.before.rmse;
     // gains of before, which may be better, are not written over by a tuning that failed
-    let mut written =
-        if better { vec![write_gains(&folder, &plan, vehicle, &gains_name, &tuning)?] } else { Vec::new() };
+    if better {
+        outputs.put("gains.toml", |path| write_gains(path, &plan, vehicle, &gains_name, &tuning))?;
+    }
     if a.replay || !a.output.no_plots {
         let flight = |gains: &Gains| fly_vehicle(vehicle, gains, &nominal(&plan), &mut |_| {});
         let [before, after] = [flight(&gains)?, flight(&tuning.gains)?];
-        if !a.output.no_plots {
-            let path = folder.join(format!("tune.{}", a.output.format.extension()));
-            figure(&vehicle.name, &tuning, &gains, &before, &after).save(&path)?;
-            written.push(path);
-        }
+        outputs.draw("tune", || figure(&vehicle.name, &tuning, &gains, &before, &after))?;
         if a.replay {
-            let path = folder.join("replay.html");
-            files::replace(&path, replay(vehicle, &plan, [("before", &before), ("after", &after)])?)?;
-            written.push(path);
+            outputs.text("replay.html", replay(vehicle, &plan, [("before", &before), ("after", &after)])?)?;
         }
     }
+    let written = outputs.written;
     if a.output.json {
         let value = json!({
             "command": "tune",
@@ -195,7 +182,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     }
     if better {
         let gains = written.first().map_or_else(String::new, |p| p.display().to_string());
-        page.line(format!("Fly with them: omnidrones fly {} --gains {gains}", a.vehicle));
+        page.line(format!("Fly with them: omnidrones fly {} --gains {gains}", a.flyer.vehicle));
     } else {
         page.line(if passes {
             "FAILED: not better on all that was held out, or not without a loss; no gains.toml is written, and one of before is left. Try more --starts, or a smaller --learning-rate"
@@ -209,8 +196,8 @@ pub fn run(a: &Arguments) -> Result<Report> {
 /// What is tuned on: the reference, unless there are cells alone; further ones; half of the cells.
 fn plan(a: &Arguments, cells: &[GridCell]) -> Result<TunePlan> {
     let of = |held_out| cells.iter().filter(move |c| c.flyable && c.held_out == held_out).map(GridCell::reference);
-    let own = cells.is_empty() || a.flight.reference.is_some();
-    let mut references = if own { vec![a.flight.reference()?] } else { Vec::new() };
+    let own = cells.is_empty() || a.flyer.flight.reference.is_some();
+    let mut references = if own { vec![a.flyer.flight.reference()?] } else { Vec::new() };
     for name in &a.also {
         references.push(arguments::reference(name)?);
     }
@@ -226,8 +213,8 @@ fn plan(a: &Arguments, cells: &[GridCell]) -> Result<TunePlan> {
         held_out: of(true).collect(),
         plant_spread: a.randomise,
         duration: a.duration.unwrap_or(default.duration),
-        physics: a.flight.physics(),
-        rates: a.flight.rates(),
+        physics: a.flyer.flight.physics(),
+        rates: a.flyer.flight.rates(),
         n_start: a.starts,
         n_held_out: a.held_out.unwrap_or(default.n_held_out),
         iterations: a.iterations,
@@ -381,8 +368,7 @@ fn facts(plan: &TunePlan, tuning: &Tuning, wall_time: f64) -> Vec<Fact> {
     facts
 }
 
-fn write_gains(folder: &Path, plan: &TunePlan, vehicle: &Vehicle, from: &str, tuning: &Tuning) -> Result<PathBuf> {
-    let path = folder.join("gains.toml");
+fn write_gains(path: &Path, plan: &TunePlan, vehicle: &Vehicle, from: &str, tuning: &Tuning) -> Result<()> {
     let mut text = format!("# Tuned for {:?} by 'omnidrones tune', from gains {from:?}.\n", vehicle.name);
     let _ = writeln!(
         text,
@@ -399,8 +385,7 @@ fn write_gains(folder: &Path, plan: &TunePlan, vehicle: &Vehicle, from: &str, tu
         rule: e.to_string(),
         remedy: "Report this as a bug.".into(),
     })?;
-    files::replace(&path, &text)?;
-    Ok(path)
+    files::replace(path, text.as_bytes())
 }
 
 /// The descent, the relative change of each gain, and one flight with either set of gains.

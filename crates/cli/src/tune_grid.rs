@@ -1,10 +1,8 @@
 //! `omnidrones tune --grid`: circles of given accelerations and speeds, half to tune on, half to judge on.
 
-use super::page::{length, short};
-use super::table::Table;
+use crate::prelude::*;
 use omnidrones::controllers::design::{FlightGrid, GridCell, Tuning};
 use omnidrones::dynamics::{Physics, Vehicle};
-use omnidrones::error::Result;
 
 /// Which circles.
 #[derive(Debug, clap::Args)]

@@ -1,13 +1,10 @@
 //! `omnidrones view`: episodes live in a browser, served on loopback while they are flown.
 
-use super::Report;
 use super::environment::EnvArguments;
-use super::page::{Page, duration, shown};
-use super::replay::{SHOWN, Seen};
+use super::episodes::{SHOWN, Seen};
 use super::shown::{Flier, check_number};
-use omnidrones::error::{Error, Result};
+use crate::prelude::*;
 use omnidrones_viewer::Server;
-use serde_json::json;
 use std::io::Write;
 use std::time::{Duration, Instant};
 

@@ -2,22 +2,18 @@
 
 use super::arguments::OutputArguments;
 use super::environment::EnvArguments;
+use super::episodes::Seen;
 use super::eval::Ready;
-use super::page::{Page, percent, short};
-use super::replay::Seen;
 use super::rollout_files as out;
 use super::shown::{MAX_SHOWN, check_number};
-use super::{Report, files, progress};
+use crate::prelude::*;
 use omnidrones::controllers::Reference;
 use omnidrones::dynamics::tree::{Multibody, body_poses};
-use omnidrones::error::{Error, Result};
 use omnidrones::parallel::Threads;
 use omnidrones::tasks::{Env, Spec, Watched};
 use omnidrones_plot::animation::save_gif;
 use omnidrones_plot::{Colour, Drawing, Figure, Item, Panel, Series, model};
 use omnidrones_viewer::{goal, page};
-use serde_json::json;
-use std::path::{Path, PathBuf};
 
 /// What the command is for.
 pub const ABOUT: &str = "\
@@ -72,7 +68,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
         return Err(Error::value("animated file", value, "a name that ends in .gif", "Add .gif to it."));
     }
     let mut ready = Ready::new(&a.run, &a.environment, Some(a.envs), &Threads::default())?;
-    let beside = if a.output.no_plots { Vec::new() } else { stills(&path, a.output.format.extension()).to_vec() };
+    let beside = if a.output.no_plots { Vec::new() } else { stills(&path, a.output.format).to_vec() };
     let web = path.with_extension("html");
     for file in [&web, &path].into_iter().chain(&beside) {
         files::check_new(file, a.output.force)?;
@@ -85,7 +81,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
         seen.see(watched);
     })?;
     replay.title = flown.title();
-    files::replace(&web, page(&replay.title, &[seen.recording(&flown)?]))?;
+    files::replace(&web, page(&replay.title, &[seen.recording(&flown)?]).as_bytes())?;
     let n = replay.pictures.len();
     let bar = progress::bar(n as u64, "drawing", a.output.json);
     let scene = replay.scene();
@@ -94,9 +90,9 @@ pub fn run(a: &Arguments) -> Result<Report> {
     bar.finish_and_clear();
     let mut written = vec![web, path.clone()];
     if !a.output.no_plots {
-        let [still, errors] = stills(&path, a.output.format.extension());
+        let [still, errors] = stills(&path, a.output.format);
         replay.figure(n - 1, &scene).save(&still)?;
-        out::draw(&flown, &errors)?;
+        out::figure(&flown).save(&errors)?;
         written.extend([still, errors]);
     }
     let e = &flown.evaluation;

@@ -1,10 +1,10 @@
 //! What `design` draws: the loop over frequency, near the critical point and in the z-plane, and a step of the position.
 
 use super::{Findings, degrees};
+use crate::prelude::*;
 use nalgebra::Complex;
 use omnidrones::controllers::design::Point;
 use omnidrones::controllers::linear::response::unwrapped;
-use omnidrones::error::Result;
 use omnidrones::flight::FlightLog;
 use omnidrones_plot::{Colour, Figure, Panel, Series};
 use std::f64::consts::{PI, TAU};

@@ -3,18 +3,16 @@
 use super::figures::{self, Loops};
 use super::{Arguments, Findings, loop_facts, margins_table, modes_table, reach, trim_facts};
 use crate::html::html;
-use crate::page::{Fact, Page, short};
 use crate::plant_box;
+use crate::prelude::*;
 use crate::sheet::{gains_table, key_facts};
 use crate::source::Source;
-use crate::table::number;
 use omnidrones::controllers::design::Robustness;
 use omnidrones::controllers::linear::step_figures;
 use omnidrones::controllers::reference::Step;
 use omnidrones::controllers::{FlightPlan, Reference, fly_vehicle};
 use omnidrones::dynamics::Gains;
 use omnidrones::dynamics::aero::wind::Wind;
-use omnidrones::error::Result;
 use omnidrones::flight::FlightLog;
 use omnidrones_plot::Figure;
 
@@ -98,8 +96,8 @@ impl Subject<'_> {
         let plan = FlightPlan {
             reference: Reference::Step(step),
             duration: JUMP + WATCHED,
-            physics: a.flight.physics(),
-            rates: a.flight.rates(),
+            physics: a.flyer.flight.physics(),
+            rates: a.flyer.flight.rates(),
             latency: a.latency,
             wind,
             ..FlightPlan::default()

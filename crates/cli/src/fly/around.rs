@@ -2,15 +2,13 @@
 
 use super::Arguments;
 use crate::arguments::is_path;
-use crate::page::{Fact, length, short};
+use crate::prelude::*;
 use omnidrones::controllers::Flight;
 use omnidrones::controllers::mishap::nearest_still;
 use omnidrones::dynamics::assembly::Member;
 use omnidrones::dynamics::configurations::environment;
 use omnidrones::dynamics::scene::{Generator, Scene};
 use omnidrones::dynamics::tree::{Model, Multibody};
-use omnidrones::error::{Error, Result};
-use serde_json::{Value, json};
 
 /// A scene and what it is called.
 pub(super) struct Around {

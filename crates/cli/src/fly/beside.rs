@@ -1,14 +1,9 @@
 //! An earlier flight beside the one that was flown: read from its file, drawn, compared.
 
-use crate::files;
-use crate::page::{Page, length, short};
-use crate::table::{Table, number};
-use omnidrones::error::{Error, Result};
+use crate::prelude::*;
 use omnidrones::flight::{FlightLog, FlightSummary};
 use omnidrones_plot::Figure;
 use omnidrones_plot::beside::{Named, beside};
-use serde_json::{Value, json};
-use std::path::{Path, PathBuf};
 
 /// What the new flight is called.
 const NEW: &str = "this flight";

@@ -1,15 +1,12 @@
 //! Derivatives of what was flown: certificates at one step, the gradient of the error through all of them.
 
-use crate::page::{Page, duration, short};
-use crate::table::{Table, number};
+use crate::prelude::*;
 use omnidrones::autodiff::{Bounds, Certificate, JacobianScratch, System};
 use omnidrones::controllers::design::{GainSensitivity, LoopModel, Stability, TrimTarget, sensitivity, trim};
 use omnidrones::controllers::reference::Hover;
 use omnidrones::controllers::{ClosedLoop, Flight, FlightPlan, Reference, SmoothPoint, Target};
 use omnidrones::dynamics::{Disturbance, Gains, Plant, Vehicle};
-use omnidrones::error::{Error, Result};
 use omnidrones::internals::Certified;
-use serde_json::{Value, json};
 use std::time::Instant;
 
 /// What is said of a step that lies on a kink.
@@ -147,22 +144,21 @@ impl Derivatives {
     }
 
     fn table(&self) -> Table {
-        let mut table =
-            Table::new("Jacobian of | >size | >time | >adjoint − duals | >duals − differences | >Taylor order | ");
-        for row in &self.certificates {
-            let c = &row.certificate;
-            let order = c.taylor_order.map_or_else(|| "affine".into(), |order| number(order, 3));
-            table.row([
-                row.what.to_string(),
-                format!("{} × {}", row.rows, row.columns),
-                duration(row.time),
-                format!("{:.0e}", c.adjoint_error),
-                format!("{:.0e}", c.difference_error),
-                order,
-                if c.holds(Bounds::default()) { "certified".into() } else { "NOT HELD".to_string() },
-            ]);
-        }
-        table
+        Table::new("Jacobian of | >size | >time | >adjoint − duals | >duals − differences | >Taylor order | ").filled(
+            self.certificates.iter().map(|row| {
+                let c = &row.certificate;
+                let order = c.taylor_order.map_or_else(|| "affine".into(), |order| number(order, 3));
+                [
+                    row.what.to_string(),
+                    format!("{} × {}", row.rows, row.columns),
+                    duration(row.time),
+                    format!("{:.0e}", c.adjoint_error),
+                    format!("{:.0e}", c.difference_error),
+                    order,
+                    if c.holds(Bounds::default()) { "certified".into() } else { "NOT HELD".to_string() },
+                ]
+            }),
+        )
     }
 
     fn remark(&self) -> String {

@@ -1,21 +1,17 @@
 //! Drops: anything, rotors idle, onto the ground.
 
 use super::Arguments;
-use crate::page::{Fact, Page, length, short};
+use crate::prelude::*;
 use crate::robot::Robot;
-use crate::{Report, files, progress};
 use omnidrones::controllers::reference::{Hover, Reference};
 use omnidrones::controllers::registry::steerable;
 use omnidrones::controllers::start::{clearance, start_above};
 use omnidrones::controllers::{Flight, Passive, fly_from};
 use omnidrones::dynamics::configurations;
 use omnidrones::dynamics::tree::{Multibody, check_contact};
-use omnidrones::error::{Error, Result};
 use omnidrones::internals::{contact_forces, energies};
 use omnidrones_plot::robot::{Fall, fall};
-use serde_json::{Value, json};
 use std::fmt::Write;
-use std::path::PathBuf;
 
 /// Refuses arguments of a controller.
 fn uncontrolled(a: &Arguments) -> Result<()> {
@@ -50,7 +46,7 @@ pub fn dropped(a: &Arguments, robot: &Robot) -> Result<Report> {
     let mut plan = a.flight.plan(Some(a.duration.unwrap_or(3.0)), a.wind.clone(), a.seed)?;
     (plan.physics, plan.reference) = (*system.physics(), Reference::Hover(Hover::default()));
     let n_step = plan.n_step()?;
-    let folder = super::folder(a, robot.model.name())?;
+    let mut outputs = super::outputs(a, robot.model.name())?;
     let bar = progress::bar(n_step, "falling", a.output.json);
     let flight = fly_from(&plant, &mut Passive::new(&plant), &plan, &start, &mut |k| {
         if k % 64 == 0 {
@@ -59,25 +55,16 @@ pub fn dropped(a: &Arguments, robot: &Robot) -> Result<Report> {
     })?;
     bar.finish_and_clear();
     let fallen = Fallen::of(robot, system, &flight, height);
-    let mut written = Vec::new();
-    if !a.output.no_plots {
-        let path = folder.join(format!("drop.{}", a.output.format.extension()));
-        let figure = fall(system, fallen.drawn());
-        figure.subtitle(fallen.subtitle()).save(&path)?;
-        written.push(path);
-    }
+    outputs.draw("drop", || fall(system, fallen.drawn()).subtitle(fallen.subtitle()))?;
     if a.csv {
-        let path = folder.join("drop.csv");
-        files::replace(&path, fallen.csv())?;
-        written.push(path);
+        outputs.text("drop.csv", fallen.csv())?;
     }
     if a.replay {
-        let path = folder.join("replay.html");
         let mut recording = omnidrones_viewer::fall(&plant, &flight);
         recording.remark = format!("falls {height} m, rotors idle");
-        files::replace(&path, omnidrones_viewer::page(&format!("{}: a drop", plant.name()), &[recording]))?;
-        written.push(path);
+        outputs.text("replay.html", omnidrones_viewer::page(&format!("{}: a drop", plant.name()), &[recording]))?;
     }
+    let written = outputs.written;
     let success = flight.diverged_at.is_none() && !fallen.gained();
     Ok(Report::told(a.output.json, success, || fallen.json(&written), || fallen.page(&written)))
 }

@@ -4,13 +4,12 @@ use super::around::Approach;
 use super::beside::Comparison;
 use super::derivatives::Derivatives;
 use super::{Arguments, What};
-use crate::arguments::is_optimal;
+use crate::arguments::{Outputs, is_optimal};
 use crate::failure::Story;
 use crate::npz::Npz;
-use crate::page::{Fact, Page, duration, length, plain_facts, short};
+use crate::page::plain_facts;
+use crate::prelude::*;
 use crate::sheet::{KeyFigures, key_facts, vector};
-use crate::table::{Table, number};
-use crate::{files, progress};
 use omnidrones::controllers::linear::{StepFigures, step_figures};
 use omnidrones::controllers::reference::Hover;
 use omnidrones::controllers::{Flight, FlightPlan, Judgement, Note, Reference, RotorFailure};
@@ -18,65 +17,52 @@ use omnidrones::dynamics::aero::wind::Wind;
 use omnidrones::dynamics::sensors::SensorConfig;
 use omnidrones::dynamics::tree::{Motion, Multibody};
 use omnidrones::dynamics::{Plant, Quantity};
-use omnidrones::error::Result;
 use omnidrones::flight::{Commanded, FlightSummary};
 use omnidrones_plot::flight::FlightFigures;
 use omnidrones_plot::robot::{JointHistory, RobotFigures, joints};
 use omnidrones_plot::sensors::sensor_figures;
-use serde_json::{Value, json};
 use std::fmt::Write;
-use std::path::{Path, PathBuf};
 
 /// Writes figures and tables.
 pub(super) fn write(
     a: &Arguments,
-    folder: &Path,
+    outputs: &mut Outputs,
     plant: &Plant,
     flight: &Flight,
     sensors: &[SensorConfig],
     after: f64,
     story: Option<&Story>,
-) -> Result<Vec<PathBuf>> {
-    let mut written = Vec::new();
-    if !a.output.no_plots {
+) -> Result<()> {
+    if let Some(extension) = outputs.plots {
         let spinner = progress::spinner("drawing", a.output.json);
-        written.extend(match plant.tree() {
+        outputs.written.extend(match plant.tree() {
             Some(system) => {
-                let figures = RobotFigures::new(system, &flight.log, &flight.states, after);
-                figures.save(folder, a.output.format.extension())?
+                RobotFigures::new(system, &flight.log, &flight.states, after).save(&outputs.folder, extension)?
             }
             None => {
                 let events = story.into_iter().flat_map(Story::events);
                 let figures = FlightFigures::new(&flight.log, after);
                 let figures = events.fold(figures, |figures, (at, name)| figures.event(&name, at));
-                figures.save(folder, a.output.format.extension())?
+                figures.save(&outputs.folder, extension)?
             }
         });
         for (name, figure) in sensor_figures(sensors, &flight.log) {
-            let path = folder.join(format!("sensor_{}.{}", name.replace('/', "~"), a.output.format.extension()));
-            figure.save(&path)?;
-            written.push(path);
+            outputs.draw(&format!("sensor_{}", name.replace('/', "~")), || figure)?;
         }
         spinner.finish_and_clear();
     }
     if a.csv {
         let spinner = progress::spinner("writing CSV", a.output.json);
-        let path = folder.join("flight.csv");
-        flight.log.write_csv(&path)?;
-        written.push(path);
+        outputs.put("flight.csv", |path| flight.log.write_csv(path))?;
         if let Some(system) = plant.tree().filter(|system| !joints(system, &[]).is_empty()) {
-            let path = folder.join("joints.csv");
-            files::replace(&path, joint_csv(system, flight))?;
-            written.push(path);
+            outputs.text("joints.csv", joint_csv(system, flight))?;
         }
         spinner.finish_and_clear();
     }
     if a.npz {
-        let path = folder.join("flight.npz");
-        write_npz(&path, plant, flight)?;
-        written.push(path);
+        outputs.put("flight.npz", |path| write_npz(path, plant, flight))?;
     }
-    Ok(written)
+    Ok(())
 }
 
 /// Arrays of all samples, with the whole state.

@@ -3,8 +3,7 @@
 use super::What;
 use super::around::Approach;
 use super::flown::Flown;
-use crate::page::{Fact, length, short};
-use crate::table::number;
+use crate::prelude::*;
 use omnidrones::controllers::{Mishap, RotorFailure};
 use omnidrones::dynamics::aero::wind::Wind;
 use omnidrones::flight::{FlightSummary, LOST};

@@ -1,16 +1,13 @@
 //! Single runs: one, or several side by side.
 
 use super::Telling;
+use crate::baseline::{results, spec};
 use crate::environment::EnvArguments;
+use crate::episodes::{Flown, SHOWN, Seen, success};
 use crate::eval::Ready;
-use crate::page::{Fact, Page, count, duration, short};
-use crate::replay::{SHOWN, Seen};
-use crate::rollout::{Flown, success};
+use crate::prelude::*;
 use crate::rollout_files;
-use crate::table::{Align, Table};
-use crate::train::{results, spec};
 use crate::train_plot::{self, Curves};
-use omnidrones::error::Result;
 use omnidrones::rl::TrainConfig;
 use omnidrones::rl::checkpoint::Manifest;
 use omnidrones::rl::log::{self, Line};
@@ -18,7 +15,6 @@ use omnidrones::tasks::registry::{self, Entry};
 use omnidrones::tasks::{Evaluation, Metric, Spec};
 use omnidrones_viewer::Recording;
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::{Path, PathBuf};
 
 /// Most flights beside each other under one clock.
 pub const BESIDE: usize = 4;

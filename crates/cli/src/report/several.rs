@@ -2,21 +2,17 @@
 
 use super::runs::{self, BESIDE, Told, differing, dotted};
 use super::{Kind, Telling};
-use crate::files;
+use crate::baseline::{results, spec};
 use crate::over_seeds::{Failure, Outcome};
-use crate::page::Page;
-use crate::table::Table;
-use crate::train::{results, spec};
+use crate::prelude::*;
 use crate::train_all_plot::{self, Learnt};
 use crate::{train_all, train_search, train_seeds};
-use omnidrones::error::{Error, Result};
 use omnidrones::rl::TrainConfig;
 use omnidrones::rl::log::{self, Line};
 use omnidrones::rl::search::{SearchResult, Trial};
 use omnidrones::tasks::registry;
 use serde::Deserialize;
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
 
 /// Largest file that is read, bytes.
 const MAX_JSON: u64 = 64 << 20;

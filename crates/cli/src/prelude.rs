@@ -1,0 +1,9 @@
+//! What every command speaks of: pages and tables, numbers in words, files, errors, JSON.
+
+pub use super::Report;
+pub use super::page::{Fact, Page, count, duration, length, percent, share_of, short, shown};
+pub use super::table::{Align, Table, number};
+pub(crate) use super::{files, progress};
+pub use omnidrones::error::{Error, Result};
+pub use serde_json::{Value, json};
+pub use std::path::{Path, PathBuf};
