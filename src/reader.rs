@@ -376,10 +376,7 @@ struct Items<'de> {
 impl<'de> de::SeqAccess<'de> for &mut Items<'de> {
     type Error = Fault;
 
-    fn next_element_seed<T: DeserializeSeed<'de>>(
-        &mut self,
-        seed: T,
-    ) -> std::result::Result<Option<T::Value>, Fault> {
+    fn next_element_seed<T: DeserializeSeed<'de>>(&mut self, seed: T) -> std::result::Result<Option<T::Value>, Fault> {
         let Some(value) = self.left.next() else { return Ok(None) };
         self.at += 1;
         seed.deserialize(Reader(value)).map(Some).map_err(|fault| fault.within(Step::Index(self.at - 1)))
@@ -425,10 +422,7 @@ impl<'de> de::EnumAccess<'de> for Choice<'de> {
     type Error = Fault;
     type Variant = Content<'de>;
 
-    fn variant_seed<V: DeserializeSeed<'de>>(
-        self,
-        seed: V,
-    ) -> std::result::Result<(V::Value, Self::Variant), Fault> {
+    fn variant_seed<V: DeserializeSeed<'de>>(self, seed: V) -> std::result::Result<(V::Value, Self::Variant), Fault> {
         let place = |fault: Fault| if self.value.is_some() { fault.at_key(self.name) } else { fault };
         let variant = seed.deserialize(BorrowedStrDeserializer::new(self.name)).map_err(place)?;
         Ok((variant, Content(self)))
@@ -504,11 +498,8 @@ mod tests {
     fn what_a_text_says_is_read_from_toml_and_json_alike() {
         let toml = "mass = 2\narm = [1, 0.5, -1e-3]\nshape = ['point', { ball = { radius = 3 } }]";
         let json = r#"{"mass": 2, "arm": [1, 0.5, -1e-3], "shape": ["point", {"ball": {"radius": 3}}]}"#;
-        let own = Own {
-            mass: 2.0,
-            arm: Some([1.0, 0.5, -1e-3]),
-            shape: vec![Shape::Point, Shape::Ball { radius: 3.0 }],
-        };
+        let own =
+            Own { mass: 2.0, arm: Some([1.0, 0.5, -1e-3]), shape: vec![Shape::Point, Shape::Ball { radius: 3.0 }] };
         assert_eq!(of_toml::<Own>(toml, "my.toml").unwrap(), own);
         assert_eq!(of_json::<Own>(json.as_bytes(), "my.json", "").unwrap(), own);
         let none = of_json::<Own>(br#"{"mass": 2, "arm": null}"#, "my.json", "").unwrap();
@@ -522,16 +513,32 @@ mod tests {
             ("mass = 'a'", "line 1, column 8", "invalid type: string \"a\", expected a number"),
             ("mass = 1\nmas = 2", "line 2, column 1", "unknown field `mas`, expected one of `mass`, `arm`, `shape`"),
             ("arm = [1, 2, 3]", "line 1, column 1", "missing field `mass`"),
-            (&format!("{rest}arm = [1, true, 3]"), "line 2, column 11", "invalid type: boolean `true`, expected a number"),
+            (
+                &format!("{rest}arm = [1, true, 3]"),
+                "line 2, column 11",
+                "invalid type: boolean `true`, expected a number",
+            ),
             (&format!("{rest}arm = [1, 2]"), "line 2, column 7", "invalid length 2, expected an array of length 3"),
-            (&format!("{rest}arm = [1, 2, 3, 4]"), "line 2, column 7", "invalid length 4, expected fewer elements in array"),
-            (&format!("{rest}shape = ['pont']"), "line 2, column 10", "unknown variant `pont`, expected `point` or `ball`"),
+            (
+                &format!("{rest}arm = [1, 2, 3, 4]"),
+                "line 2, column 7",
+                "invalid length 4, expected fewer elements in array",
+            ),
+            (
+                &format!("{rest}shape = ['pont']"),
+                "line 2, column 10",
+                "unknown variant `pont`, expected `point` or `ball`",
+            ),
             (
                 &format!("{rest}[[shape]]\nball = {{ radius = 1 }}\n[[shape]]\nball = {{ radios = 1 }}"),
                 "line 5, column 10",
                 "unknown field `radios`, expected `radius`",
             ),
-            (&format!("{rest}shape = [{{ ball = [1.0] }}]"), "line 2, column 19", "invalid type: sequence, expected struct"),
+            (
+                &format!("{rest}shape = [{{ ball = [1.0] }}]"),
+                "line 2, column 19",
+                "invalid type: sequence, expected struct",
+            ),
             (&format!("{rest}shape = [{{}}]"), "line 2, column 10", "wanted exactly 1 element, found 0 elements"),
             (&format!("{rest}shape = [3]"), "line 2, column 10", "wanted string or table"),
             ("mass = ", "line 1, column 8", "string values must be quoted"),
@@ -540,7 +547,10 @@ mod tests {
             assert!(error.starts_with(&format!("my.toml: {place}: {rule}")), "{text}: {error}");
         }
         for (text, place) in [
-            (r#"{"mass": 1, "arm": [1, "b", 3]}"#, "my.json: arm: invalid type: string \"b\", expected a number. Mend it."),
+            (
+                r#"{"mass": 1, "arm": [1, "b", 3]}"#,
+                "my.json: arm: invalid type: string \"b\", expected a number. Mend it.",
+            ),
             (r#"{"mass": null}"#, "my.json: mass: invalid type: null, expected a number. Mend it."),
             (r#"{"mass": 1"#, "my.json: line 1, column 10: EOF while parsing an object at line 1 column 10. Mend it."),
         ] {

@@ -2,8 +2,8 @@
 //! function compiles it again, with all that it is made of.
 
 use crate::autodiff::{
-    Certificate, CompiledJacobian, Gradient, JacobianScratch, Objective, Recording, Rollout, Scalar, System, Trace, certify, jacobian,
-    rollout::Scratch,
+    Certificate, CompiledJacobian, Gradient, JacobianScratch, Objective, Recording, Rollout, Scalar, System, Trace,
+    certify, jacobian, rollout::Scratch,
 };
 use crate::controllers::{CascadeLaw, ClosedLoop, Running};
 use crate::dynamics::tree::{self, Multibody, Pose};

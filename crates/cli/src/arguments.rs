@@ -56,7 +56,7 @@ impl FlyerArguments {
     /// The configuration of that name, if there is one; else a vehicle, or an error that names the nearest of both.
     pub fn flyer(&self) -> Result<Flyer> {
         if robot::configuration(&self.vehicle).is_some() {
-            return Ok(Flyer::Configuration(robot::load(&self.vehicle, &self.rotors)?.model));
+            return Ok(Flyer::Configuration(Box::new(robot::load(&self.vehicle, &self.rotors)?.model)));
         }
         robot::known(&self.vehicle)?;
         Ok(Flyer::Vehicle(Box::new(self.source()?)))
@@ -72,7 +72,7 @@ impl FlyerArguments {
 /// What [`FlyerArguments`] name.
 pub enum Flyer {
     Vehicle(Box<Source>),
-    Configuration(Model),
+    Configuration(Box<Model>),
 }
 
 /// What is flown, how finely, in what air.
@@ -307,7 +307,7 @@ impl OutputArguments {
     /// The folder, ready to be written into where there are plots to draw or `other` files to write.
     pub fn open(&self, usual: impl Into<PathBuf>, other: bool) -> Result<Outputs> {
         let folder = self.out.clone().unwrap_or_else(|| usual.into());
-        let plots = (!self.no_plots).then(|| self.format);
+        let plots = (!self.no_plots).then_some(self.format);
         if other || plots.is_some() {
             files::prepare(&folder, self.force)?;
         }

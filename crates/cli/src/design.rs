@@ -392,7 +392,7 @@ pub fn tidy(value: f64) -> f64 {
 
 /// Rate, frequency, damping and time constant of each mode, and the states that take part most.
 pub fn modes_table(modes: &[Mode], plant: &StateSpace) -> Table {
-    Table::new(">rate [1/s] | >frequency [rad/s] | >damping | >time constant [s] | of").filled(modes.into_iter().map(
+    Table::new(">rate [1/s] | >frequency [rad/s] | >damping | >time constant [s] | of").filled(modes.iter().map(
         |mode| {
             let names: Vec<&str> = mode.states.iter().take(3).map(|(i, _)| plant.states()[*i].name.as_str()).collect();
             let rate = if mode.rate.im.abs() > 1e-9 {

@@ -24,7 +24,7 @@ pub const SHOWN: usize = 4;
 #[derive(Debug, clap::Args)]
 pub struct EpisodeArguments {
     /// Environments, one episode each
-    #[arg(long, alias = "environments", value_name = "N")]
+    #[arg(long, value_name = "N")]
     pub envs: Option<usize>,
     #[command(flatten)]
     pub threads: ThreadArguments,

@@ -3,8 +3,8 @@
 use omnidrones::dynamics::shape::{Geometry, Shape};
 use omnidrones::dynamics::spatial::from_matrix;
 use omnidrones::dynamics::tree::Model;
-use omnidrones::internals::{body_poses, contact_forces};
 use omnidrones::dynamics::{GRAVITY, Plant, Rotor};
+use omnidrones::internals::{body_poses, contact_forces};
 use omnidrones_plot::model::{ROTOR_RADIUS, struts};
 use serde::Serialize;
 

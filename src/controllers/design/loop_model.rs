@@ -9,6 +9,7 @@
 
 use super::error_state::ErrorState;
 use crate::autodiff::{System, linearise};
+use crate::controllers::CascadeLaw;
 use crate::controllers::closed_loop::ClosedLoop;
 use crate::controllers::controller::Target;
 use crate::controllers::law::{ControlLaw, Running};
@@ -17,7 +18,6 @@ use crate::controllers::linear::disk::{bound_at, disk_margin_of, folded_disk_mar
 use crate::controllers::linear::state_space::{beside, stacked};
 use crate::controllers::linear::swept::Swept;
 use crate::controllers::linear::{DiskMargin, Signal, StateSpace, eigenvalues, minimal, spectral_radius};
-use crate::controllers::CascadeLaw;
 use crate::dynamics::Disturbance;
 use crate::error::{Error, Result};
 use nalgebra::{Complex, ComplexField, DMatrix};

@@ -80,8 +80,8 @@ use crate::dynamics::shape::Shape;
 use crate::error::{Error, Result, finite};
 use crate::parallel::Threads;
 use crate::rng::{Purpose, Stream};
-use crate::tasks::config::{EnvConfig, check_difficulty};
 use crate::tasks::any_task::declare;
+use crate::tasks::config::{EnvConfig, check_difficulty};
 use crate::tasks::observation::{Extent, Pipeline, Statistics};
 use crate::tasks::randomise::Randomiser;
 use crate::tasks::task::{MAX_ENDS, MAX_TERMS, Task, TaskReference};
@@ -140,7 +140,9 @@ impl Env {
         config.validate()?;
         EnvConfig::check_horizon(engine.horizon())?;
         let own = declare(&*engine)?;
-        for (what, n, most) in [("terms of the reward", own.reward.len(), MAX_TERMS), ("ends", own.ends.len(), MAX_ENDS)] {
+        for (what, n, most) in
+            [("terms of the reward", own.reward.len(), MAX_TERMS), ("ends", own.ends.len(), MAX_ENDS)]
+        {
             if n > most {
                 return Err(Error::limit(format!("task {name}: {what}"), n, most, "Sum some of them."));
             }
