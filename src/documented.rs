@@ -3,9 +3,9 @@
 /// The first sentence beside each field of `pub struct NAME` in `source`, by the field's name.
 pub(crate) fn fields(source: &str, name: &str) -> Vec<(String, String)> {
     let head = format!("pub struct {name} {{");
-    let body = source.split_once(&head).map_or("", |(_, rest)| rest.split("\n}").next().unwrap_or(rest));
+    let body = source.split_once(&head).map_or("", |(_, rest)| rest);
     let (mut all, mut words) = (Vec::new(), String::new());
-    for line in body.lines().map(str::trim) {
+    for line in body.lines().map(str::trim).take_while(|line| *line != "}") {
         if let Some(text) = line.strip_prefix("///") {
             words.push_str(text);
         } else if let Some((field, _)) = line.strip_prefix("pub ").and_then(|rest| rest.split_once(':')) {

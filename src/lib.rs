@@ -85,6 +85,7 @@
 
 pub mod autodiff;
 pub mod controllers;
+mod defaults;
 pub(crate) mod documented;
 pub mod dynamics;
 pub mod error;

@@ -24,23 +24,20 @@ use super::program::Program;
 use super::system::System;
 use super::trace::{Recording, Trace};
 use super::{Scalar, system};
+use crate::defaults::with_defaults;
 use crate::error::{Error, Result};
 use std::fmt;
 
-/// What a certificate may not exceed.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Bounds {
-    /// Adjoint against duals, relative to max(1, ‖column‖).
-    pub adjoint: f64,
-    /// Duals against central differences, relative to max(1, ‖column‖).
-    pub difference: f64,
-    /// Distance of the Taylor order from 2.
-    pub taylor: f64,
-}
-
-impl Default for Bounds {
-    fn default() -> Self {
-        Self { adjoint: 1e-10, difference: 1e-7, taylor: 0.1 }
+with_defaults! {
+    /// What a certificate may not exceed.
+    #[derive(Debug, Clone, Copy, PartialEq)]
+    pub struct Bounds {
+        /// Adjoint against duals, relative to max(1, ‖column‖).
+        pub adjoint: f64 = 1e-10,
+        /// Duals against central differences, relative to max(1, ‖column‖).
+        pub difference: f64 = 1e-7,
+        /// Distance of the Taylor order from 2.
+        pub taylor: f64 = 0.1,
     }
 }
 

@@ -5,33 +5,30 @@ use super::rate::RateCommand;
 use super::reference::Setpoint;
 use super::velocity::VelocityCommand;
 use crate::autodiff::Scalar;
+use crate::defaults::with_defaults;
 use crate::dynamics::spatial::{Quat, Vec3};
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{FRAC_PI_3, PI};
 
-/// What an action of 1 means. Actions are clipped to [−1, 1] first (the paper leaves them unbounded); NaN stays NaN,
-/// for the environment to contain.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct ActionScale {
-    /// Offset of the target from the present position in position mode, per axis, m. Default 1.
-    pub position: f64,
-    /// Velocity per axis, m/s. Default 1, as in the paper; the path of Track runs at up to 3.5 m/s, beyond what that commands.
-    pub velocity: f64,
-    /// Yaw in velocity and position mode, rad. Default π, as in the paper.
-    pub yaw: f64,
-    /// Body rates in rate mode, rad/s. Default π, as in the paper.
-    pub rate: f64,
-    /// Yaw rate in attitude mode, rad/s. Default π, as in the paper.
-    pub yaw_rate: f64,
-    /// Roll and pitch in attitude mode, rad, < π/2. Default π/3; the paper's π asks for flight upside down.
-    pub tilt: f64,
-}
-
-impl Default for ActionScale {
-    fn default() -> Self {
-        Self { position: 1.0, velocity: 1.0, yaw: PI, rate: PI, yaw_rate: PI, tilt: FRAC_PI_3 }
+with_defaults! {
+    /// What an action of 1 means. Actions are clipped to [−1, 1] first (the paper leaves them unbounded); NaN stays NaN,
+    /// for the environment to contain.
+    #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct ActionScale {
+        /// Offset of the target from the present position in position mode, per axis, m. Default 1.
+        pub position: f64 = 1.0,
+        /// Velocity per axis, m/s. Default 1, as in the paper; the path of Track runs at up to 3.5 m/s, beyond what that commands.
+        pub velocity: f64 = 1.0,
+        /// Yaw in velocity and position mode, rad. Default π, as in the paper.
+        pub yaw: f64 = PI,
+        /// Body rates in rate mode, rad/s. Default π, as in the paper.
+        pub rate: f64 = PI,
+        /// Yaw rate in attitude mode, rad/s. Default π, as in the paper.
+        pub yaw_rate: f64 = PI,
+        /// Roll and pitch in attitude mode, rad, < π/2. Default π/3; the paper's π asks for flight upside down.
+        pub tilt: f64 = FRAC_PI_3,
     }
 }
 

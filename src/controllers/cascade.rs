@@ -12,6 +12,7 @@ use super::reference::Setpoint;
 use super::velocity::{VelocityCommand, attitude_command};
 use crate::autodiff::Scalar;
 use crate::autodiff::unrolled::unrolled;
+use crate::defaults::with_defaults;
 use crate::dynamics::spatial::{add, from_matrix, mat_vec, rotate_back, sub};
 use crate::dynamics::{Gains, MAX_ROTORS, Vehicle};
 use crate::error::{Error, Result};
@@ -59,21 +60,17 @@ impl Level {
     }
 }
 
-/// How often each level computes, Hz.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Rates {
-    /// Rate level and allocation. Default 500.
-    pub rate: f64,
-    /// Attitude level. Default 250.
-    pub attitude: f64,
-    /// Velocity and position levels. Default 100.
-    pub velocity: f64,
-}
-
-impl Default for Rates {
-    fn default() -> Self {
-        Self { rate: 500.0, attitude: 250.0, velocity: 100.0 }
+with_defaults! {
+    /// How often each level computes, Hz.
+    #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct Rates {
+        /// Rate level and allocation. Default 500.
+        pub rate: f64 = 500.0,
+        /// Attitude level. Default 250.
+        pub attitude: f64 = 250.0,
+        /// Velocity and position levels. Default 100.
+        pub velocity: f64 = 100.0,
     }
 }
 

@@ -20,6 +20,7 @@ use super::position::add_drag;
 use super::rate::{RateCommand, moment};
 use super::velocity::{VelocityCommand, attitude_command};
 use crate::autodiff::{Scalar, System, linearise, safe};
+use crate::defaults::with_defaults;
 use crate::dynamics::Plant;
 use crate::dynamics::multirotor::MAX_PADDED;
 use crate::dynamics::spatial::{conjugate, from_matrix, mat_mul, mat_vec, matrix, multiply, sub, transpose};
@@ -27,43 +28,29 @@ use crate::error::{Error, Result};
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
-/// Largest acceptable deviations, for Bryson's rule; infinity weighs nothing.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct HoverWeights {
-    /// m. Default 0.1.
-    pub position: f64,
-    /// m/s. Default 0.5.
-    pub velocity: f64,
-    /// Roll and pitch, rad. Default 0.3.
-    pub tilt: f64,
-    /// rad. Default 0.3.
-    pub yaw: f64,
-    /// Body rates, rad/s. Default 2.
-    pub rate: f64,
-    /// Of a command in [−1, 1]. Default 0.3.
-    pub command: f64,
-    /// Of the integral of position, m s. Default 0.3.
-    pub integral: f64,
-    /// Of the integral of yaw, rad s. Default 0.3.
-    pub yaw_integral: f64,
-    /// Position error that is acted upon at once, m; velocity errors at three times, yaw at half of it. Default 1.
-    pub reach: f64,
-}
-
-impl Default for HoverWeights {
-    fn default() -> Self {
-        Self {
-            position: 0.1,
-            velocity: 0.5,
-            tilt: 0.3,
-            yaw: 0.3,
-            rate: 2.0,
-            command: 0.3,
-            integral: 0.3,
-            yaw_integral: 0.3,
-            reach: 1.0,
-        }
+with_defaults! {
+    /// Largest acceptable deviations, for Bryson's rule; infinity weighs nothing.
+    #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct HoverWeights {
+        /// m. Default 0.1.
+        pub position: f64 = 0.1,
+        /// m/s. Default 0.5.
+        pub velocity: f64 = 0.5,
+        /// Roll and pitch, rad. Default 0.3.
+        pub tilt: f64 = 0.3,
+        /// rad. Default 0.3.
+        pub yaw: f64 = 0.3,
+        /// Body rates, rad/s. Default 2.
+        pub rate: f64 = 2.0,
+        /// Of a command in [−1, 1]. Default 0.3.
+        pub command: f64 = 0.3,
+        /// Of the integral of position, m s. Default 0.3.
+        pub integral: f64 = 0.3,
+        /// Of the integral of yaw, rad s. Default 0.3.
+        pub yaw_integral: f64 = 0.3,
+        /// Position error that is acted upon at once, m; velocity errors at three times, yaw at half of it. Default 1.
+        pub reach: f64 = 1.0,
     }
 }
 

@@ -1,6 +1,7 @@
 //! The numbers of a controller as scalars: gains, body and limits.
 
 use crate::autodiff::Scalar;
+use crate::defaults::with_defaults;
 use crate::dynamics::spatial::{Mat3, Vec3, constants};
 use crate::dynamics::vehicle::Rotor;
 use crate::dynamics::{GRAVITY, Gains, Vehicle};
@@ -159,23 +160,19 @@ impl<S: Scalar> BodyModel<S> {
     }
 }
 
-/// How far the velocity level may tilt and push.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct CommandLimits {
-    /// Largest tilt of the wanted thrust from the vertical, rad; (0, 1.5]. Default 1.2 (69°).
-    pub tilt: f64,
-    /// Least vertical specific force as a fraction of g; (0, 1). Default 0.1: the vehicle falls at 0.9 g at most and
-    /// never turns over, and the direction of the wanted force always exists.
-    pub vertical: f64,
-    /// Largest wanted force as a fraction of the rotors' total; (0, 1]. Default 0.9: the rest is left for moments. Exceeded
-    /// where it would not carry the weight: see [`ForceLimits::constant`].
-    pub thrust: f64,
-}
-
-impl Default for CommandLimits {
-    fn default() -> Self {
-        Self { tilt: 1.2, vertical: 0.1, thrust: 0.9 }
+with_defaults! {
+    /// How far the velocity level may tilt and push.
+    #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct CommandLimits {
+        /// Largest tilt of the wanted thrust from the vertical, rad; (0, 1.5]. Default 1.2 (69°).
+        pub tilt: f64 = 1.2,
+        /// Least vertical specific force as a fraction of g; (0, 1). Default 0.1: the vehicle falls at 0.9 g at most and
+        /// never turns over, and the direction of the wanted force always exists.
+        pub vertical: f64 = 0.1,
+        /// Largest wanted force as a fraction of the rotors' total; (0, 1]. Default 0.9: the rest is left for moments. Exceeded
+        /// where it would not carry the weight: see [`ForceLimits::constant`].
+        pub thrust: f64 = 0.9,
     }
 }
 

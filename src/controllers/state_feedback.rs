@@ -30,6 +30,7 @@ use super::load_flatness::LoadFlatness;
 use super::reference::{Carried, Reference, Setpoint};
 use super::velocity::VelocityCommand;
 use crate::autodiff::{Scalar, System, linearise, safe};
+use crate::defaults::with_defaults;
 use crate::dynamics::rotor::commanded_speed;
 use crate::dynamics::spatial::{matrix, multiply, sub};
 use crate::dynamics::tree::{Model, Motion, Multibody, carrier};
@@ -40,26 +41,22 @@ use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 /// Largest drift of the hover that the design starts from, SI units per second.
 const STILL: f64 = 1e-6;
 
-/// What the feedback is to hold, as largest acceptable deviations for Bryson's rule.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Weights {
-    /// Of the root from the reference, m. Default 0.2.
-    pub position: f64,
-    /// Of the rate of passive hinges from what the reference needs, rad/s (slides: m/s): smaller damps swinging more and
-    /// tracks less. Default 4.
-    pub swing: f64,
-    /// Of the acceleration command, m/s². Default 3.
-    pub acceleration: f64,
-    /// How far ahead the reference is seen, s, up to 60; `None`, the default, for 4 s where a load falls without control,
-    /// and 0 otherwise.
-    pub preview: Option<f64>,
-    /// Largest error of position that is acted upon at once, m. Default 0.2.
-    pub reach: f64,
-}
-
-impl Default for Weights {
-    fn default() -> Self {
-        Self { position: 0.2, swing: 4.0, acceleration: 3.0, preview: None, reach: 0.2 }
+with_defaults! {
+    /// What the feedback is to hold, as largest acceptable deviations for Bryson's rule.
+    #[derive(Debug, Clone, Copy, PartialEq)]
+    pub struct Weights {
+        /// Of the root from the reference, m. Default 0.2.
+        pub position: f64 = 0.2,
+        /// Of the rate of passive hinges from what the reference needs, rad/s (slides: m/s): smaller damps swinging more and
+        /// tracks less. Default 4.
+        pub swing: f64 = 4.0,
+        /// Of the acceleration command, m/s². Default 3.
+        pub acceleration: f64 = 3.0,
+        /// How far ahead the reference is seen, s, up to 60; `None`, the default, for 4 s where a load falls without control,
+        /// and 0 otherwise.
+        pub preview: Option<f64> = None,
+        /// Largest error of position that is acted upon at once, m. Default 0.2.
+        pub reach: f64 = 0.2,
     }
 }
 

@@ -43,6 +43,7 @@ use super::six_axis::{SixAxis, Wrench};
 use super::velocity::{VelocityCommand, limit_force};
 use crate::autodiff::jet::Jet;
 use crate::autodiff::safe;
+use crate::defaults::with_defaults;
 use crate::dynamics::Gains;
 use crate::dynamics::spatial::{Mat3, Vec3, add, axpy, cross, dot, inverse, mat_vec, rotate, scale, sub, transpose};
 use crate::dynamics::tree::{Model, Motion, Multibody, Pose, body_poses_into};
@@ -56,20 +57,16 @@ pub(crate) const SEPARATION: f64 = 8.0;
 pub(crate) const UPRIGHT: f64 = 2.5;
 /// Least upward pull of a bar over an even share of the load's weight.
 pub const TAUT: f64 = 0.15;
-/// Largest angles from the vertical, rad.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct TiltLimits {
-    /// Of a bar's pull. Default 0.6.
-    pub pull: f64,
-    /// Of the wanted force on the load. Default 0.45.
-    pub load: f64,
-    /// Of the force that a drone is asked for. Default 0.6.
-    pub drone: f64,
-}
-
-impl Default for TiltLimits {
-    fn default() -> Self {
-        Self { pull: 0.6, load: 0.45, drone: 0.6 }
+with_defaults! {
+    /// Largest angles from the vertical, rad.
+    #[derive(Debug, Clone, Copy, PartialEq)]
+    pub struct TiltLimits {
+        /// Of a bar's pull. Default 0.6.
+        pub pull: f64 = 0.6,
+        /// Of the wanted force on the load. Default 0.45.
+        pub load: f64 = 0.45,
+        /// Of the force that a drone is asked for. Default 0.6.
+        pub drone: f64 = 0.6,
     }
 }
 

@@ -33,66 +33,48 @@ use super::window::{Window, check_windows, gather, windows};
 
 pub use super::window::Objective;
 
+use crate::defaults::with_defaults;
 use crate::error::{Error, Result};
 use crate::parallel::Threads;
 use crate::tasks::{Env, EnvConfig, SweepOptions};
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
 
-/// Settings; defaults fly the Hummingbird's Hover from random weights.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct ApgConfig {
-    /// Environments, E.
-    pub n_env: usize,
-    /// Environments of a shard: one thread steps it for a whole window.
-    pub shard: usize,
-    /// H, steps.
-    pub horizon: usize,
-    /// Updates of a run.
-    pub updates: u64,
-    /// Learning rate over the run.
-    pub learning_rate: Schedule,
-    /// Largest norm of the gradient.
-    pub max_grad_norm: f64,
-    /// Factor per step on the gradient that is carried back; 1 is exact.
-    pub decay: f32,
-    /// Largest norm, per environment, of the gradient that is carried back, where a step's cost weighs 1: what tumbles
-    /// would drown all others. Infinite for none.
-    pub adjoint_clip: f32,
-    /// Largest norm, per environment and step, of the gradient of its actions, where a step's cost weighs 1: one that explodes
-    /// would turn the update of all. Infinite for none.
-    pub action_clip: f32,
-    /// What is minimised.
-    pub objective: Objective,
-    /// Whether the last loss of an episode that the task ended goes on to the window's end.
-    pub lasting: bool,
-    /// Share of hidden tanh units beyond ±0.99 at which the run begins again at half the rate, up to six times; 1 for never.
-    pub saturation: f64,
-    /// The optimiser.
-    pub adam: AdamConfig,
-    /// The policy.
-    pub network: Layers,
-}
-
-impl Default for ApgConfig {
-    fn default() -> Self {
-        Self {
-            n_env: 64,
-            shard: 32,
-            horizon: 48,
-            updates: 800,
-            learning_rate: Schedule::cosine(0.01, 1e-4),
-            max_grad_norm: 0.2,
-            decay: 1.0,
-            adjoint_clip: f32::INFINITY,
-            action_clip: f32::INFINITY,
-            objective: Objective::Loss,
-            lasting: true,
-            saturation: 0.25,
-            adam: AdamConfig { beta2: 0.99, ..AdamConfig::default() },
-            network: Layers::default(),
-        }
+with_defaults! {
+    /// Settings; defaults fly the Hummingbird's Hover from random weights.
+    #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct ApgConfig {
+        /// Environments, E.
+        pub n_env: usize = 64,
+        /// Environments of a shard: one thread steps it for a whole window.
+        pub shard: usize = 32,
+        /// H, steps.
+        pub horizon: usize = 48,
+        /// Updates of a run.
+        pub updates: u64 = 800,
+        /// Learning rate over the run.
+        pub learning_rate: Schedule = Schedule::cosine(0.01, 1e-4),
+        /// Largest norm of the gradient.
+        pub max_grad_norm: f64 = 0.2,
+        /// Factor per step on the gradient that is carried back; 1 is exact.
+        pub decay: f32 = 1.0,
+        /// Largest norm, per environment, of the gradient that is carried back, where a step's cost weighs 1: what tumbles
+        /// would drown all others. Infinite for none.
+        pub adjoint_clip: f32 = f32::INFINITY,
+        /// Largest norm, per environment and step, of the gradient of its actions, where a step's cost weighs 1: one that explodes
+        /// would turn the update of all. Infinite for none.
+        pub action_clip: f32 = f32::INFINITY,
+        /// What is minimised.
+        pub objective: Objective = Objective::Loss,
+        /// Whether the last loss of an episode that the task ended goes on to the window's end.
+        pub lasting: bool = true,
+        /// Share of hidden tanh units beyond ±0.99 at which the run begins again at half the rate, up to six times; 1 for never.
+        pub saturation: f64 = 0.25,
+        /// The optimiser.
+        pub adam: AdamConfig = AdamConfig { beta2: 0.99, ..AdamConfig::default() },
+        /// The policy.
+        pub network: Layers = Layers::default(),
     }
 }
 

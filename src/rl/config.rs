@@ -25,6 +25,7 @@ use super::curriculum::Curriculum;
 use super::learner::{Learner, unwritable};
 use super::predecessor::{self, SAFE};
 use super::recipes::{USUAL, recipe};
+use crate::defaults::with_defaults;
 use crate::documented::fields;
 use crate::error::{Error, Result};
 use crate::layers::{self, Layer, merge};
@@ -34,37 +35,29 @@ use run::Run;
 use serde::{Deserialize, Serialize, Serializer};
 use toml::{Table, Value};
 
-/// Flights of the policy from starts that training never sees.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Evaluate {
-    /// Updates between two; 0 for none before the end.
-    pub every: u64,
-    /// Episodes, each of an environment of its own.
-    pub envs: usize,
-    /// Of their starts; another one than the run's.
-    pub seed: u64,
-}
-
-impl Default for Evaluate {
-    fn default() -> Self {
-        Self { every: 100, envs: 1024, seed: 1_000_003 }
+with_defaults! {
+    /// Flights of the policy from starts that training never sees.
+    #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct Evaluate {
+        /// Updates between two; 0 for none before the end.
+        pub every: u64 = 100,
+        /// Episodes, each of an environment of its own.
+        pub envs: usize = 1024,
+        /// Of their starts; another one than the run's.
+        pub seed: u64 = 1_000_003,
     }
 }
 
-/// What is kept of a run while it trains.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Checkpoints {
-    /// Updates between two; 0 for none before the end.
-    pub every: u64,
-    /// How many of the newest stay, 2 or more.
-    pub keep: usize,
-}
-
-impl Default for Checkpoints {
-    fn default() -> Self {
-        Self { every: 100, keep: 2 }
+with_defaults! {
+    /// What is kept of a run while it trains.
+    #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct Checkpoints {
+        /// Updates between two; 0 for none before the end.
+        pub every: u64 = 100,
+        /// How many of the newest stay, 2 or more.
+        pub keep: usize = 2,
     }
 }
 

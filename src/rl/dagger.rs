@@ -33,6 +33,7 @@ use super::shards::{Shard, begin_statistics, episodes, normalise, set_difficulty
 use super::state;
 use super::warm_start::WarmStart;
 use super::window::mask_nonfinite;
+use crate::defaults::with_defaults;
 use crate::error::{Error, Result};
 use crate::parallel::Threads;
 use crate::rng::{Purpose, Stream};
@@ -53,55 +54,37 @@ pub enum Imitate {
     Latent,
 }
 
-/// Settings; defaults clone a cascade within a minute.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct DaggerConfig {
-    /// Environments, E.
-    pub n_env: usize,
-    /// Environments of a shard: one thread steps it for a whole update.
-    pub shard: usize,
-    /// Steps of an update, from fresh starts on.
-    pub steps: usize,
-    /// Updates of a run.
-    pub updates: u64,
-    /// `action`, or `latent` of the policy that the run begins from.
-    pub imitate: Imitate,
-    /// Folder of the run whose policy teaches actions; empty for our controller of the task.
-    pub teacher: String,
-    /// β, share of the environments that the teacher flies, over the run.
-    pub teacher_share: Schedule,
-    /// Passes over an update's rows.
-    pub epochs: usize,
-    /// Minibatches of a pass.
-    pub minibatches: usize,
-    /// Learning rate over the run.
-    pub learning_rate: Schedule,
-    /// Largest norm of the gradient.
-    pub max_grad_norm: f64,
-    /// The optimiser.
-    pub adam: AdamConfig,
-    /// The policy.
-    pub network: Layers,
-}
-
-impl Default for DaggerConfig {
-    fn default() -> Self {
-        Self {
-            n_env: 64,
-            shard: 32,
-            steps: 250,
-            updates: 100,
-            imitate: Imitate::Action,
-            teacher: String::new(),
-            teacher_share: Schedule::Linear { from: 1.0, to: 0.0, warm_up: 0.0 },
-            epochs: 4,
-            minibatches: 16,
-            learning_rate: Schedule::cosine(2e-3, 2e-5),
-            max_grad_norm: 1.0,
-            adam: AdamConfig::default(),
-            network: Layers::default(),
-        }
+with_defaults! {
+    /// Settings; defaults clone a cascade within a minute.
+    #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct DaggerConfig {
+        /// Environments, E.
+        pub n_env: usize = 64,
+        /// Environments of a shard: one thread steps it for a whole update.
+        pub shard: usize = 32,
+        /// Steps of an update, from fresh starts on.
+        pub steps: usize = 250,
+        /// Updates of a run.
+        pub updates: u64 = 100,
+        /// `action`, or `latent` of the policy that the run begins from.
+        pub imitate: Imitate = Imitate::Action,
+        /// Folder of the run whose policy teaches actions; empty for our controller of the task.
+        pub teacher: String = String::new(),
+        /// β, share of the environments that the teacher flies, over the run.
+        pub teacher_share: Schedule = Schedule::Linear { from: 1.0, to: 0.0, warm_up: 0.0 },
+        /// Passes over an update's rows.
+        pub epochs: usize = 4,
+        /// Minibatches of a pass.
+        pub minibatches: usize = 16,
+        /// Learning rate over the run.
+        pub learning_rate: Schedule = Schedule::cosine(2e-3, 2e-5),
+        /// Largest norm of the gradient.
+        pub max_grad_norm: f64 = 1.0,
+        /// The optimiser.
+        pub adam: AdamConfig = AdamConfig::default(),
+        /// The policy.
+        pub network: Layers = Layers::default(),
     }
 }
 

@@ -13,6 +13,7 @@ use super::checks::{check_counts, check_positive};
 use super::nn::{Adam, AdamConfig};
 use super::shards::within_memory;
 use super::window::Objective;
+use crate::defaults::with_defaults;
 use crate::error::{Error, Result};
 use crate::tasks::{Autoreset, Baseline, Buffers, Column, Cotangents, Env, Seeds, Sweep, SweepOptions, Tape};
 use serde::{Deserialize, Serialize};
@@ -20,37 +21,25 @@ use serde::{Deserialize, Serialize};
 /// How often the last step of a flight that is lost costs, beyond all steps of a plan.
 const LOST: f32 = 1000.0;
 
-/// Settings; the defaults plan two seconds ahead in steps of 16 ms.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct PlannerConfig {
-    /// H, steps.
-    pub horizon: usize,
-    /// Steps down the gradient before the first action.
-    pub first_iterations: usize,
-    /// Steps down the gradient before every other action.
-    pub iterations: usize,
-    /// Learning rate of actions, whose range is [−1, 1].
-    pub learning_rate: f64,
-    /// What is minimised.
-    pub objective: Objective,
-    /// Steps that the last one of a plan stands for: what comes behind it costs too.
-    pub beyond: f32,
-    /// Largest norm, per environment, of the gradient that is carried back: what tumbles would not be caught otherwise.
-    pub adjoint_clip: f32,
-}
-
-impl Default for PlannerConfig {
-    fn default() -> Self {
-        Self {
-            horizon: 128,
-            first_iterations: 80,
-            iterations: 8,
-            learning_rate: 0.005,
-            objective: Objective::Loss,
-            beyond: 20.0,
-            adjoint_clip: 100.0,
-        }
+with_defaults! {
+    /// Settings; the defaults plan two seconds ahead in steps of 16 ms.
+    #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct PlannerConfig {
+        /// H, steps.
+        pub horizon: usize = 128,
+        /// Steps down the gradient before the first action.
+        pub first_iterations: usize = 80,
+        /// Steps down the gradient before every other action.
+        pub iterations: usize = 8,
+        /// Learning rate of actions, whose range is [−1, 1].
+        pub learning_rate: f64 = 0.005,
+        /// What is minimised.
+        pub objective: Objective = Objective::Loss,
+        /// Steps that the last one of a plan stands for: what comes behind it costs too.
+        pub beyond: f32 = 20.0,
+        /// Largest norm, per environment, of the gradient that is carried back: what tumbles would not be caught otherwise.
+        pub adjoint_clip: f32 = 100.0,
     }
 }
 

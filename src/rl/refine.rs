@@ -17,26 +17,23 @@ use super::checks::{check_counts, check_positive};
 use super::nn::{Adam, AdamConfig, Memory, Pass, Scratch, Transposed, Weights};
 use super::policy::{Policy, ROWS};
 use super::shards::within_memory;
+use crate::defaults::with_defaults;
 use crate::error::{Error, Result};
 use crate::parallel::Threads;
 use crate::tasks::{Autoreset, Buffers, Column, Cotangents, Env, Seeds, Sweep, SweepOptions, Tape};
 use serde::{Deserialize, Serialize};
 
-/// Settings; the defaults suit every task of the registry.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct RefineConfig {
-    /// Steps up the gradient; each flies all episodes once more.
-    pub iterations: usize,
-    /// First learning rate of Adam, of actions whose range is [−1, 1]; it falls to a tenth.
-    pub learning_rate: f64,
-    /// Largest norm, per environment, of the gradient that is carried back.
-    pub adjoint_clip: f32,
-}
-
-impl Default for RefineConfig {
-    fn default() -> Self {
-        Self { iterations: 200, learning_rate: 0.01, adjoint_clip: 100.0 }
+with_defaults! {
+    /// Settings; the defaults suit every task of the registry.
+    #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct RefineConfig {
+        /// Steps up the gradient; each flies all episodes once more.
+        pub iterations: usize = 200,
+        /// First learning rate of Adam, of actions whose range is [−1, 1]; it falls to a tenth.
+        pub learning_rate: f64 = 0.01,
+        /// Largest norm, per environment, of the gradient that is carried back.
+        pub adjoint_clip: f32 = 100.0,
     }
 }
 

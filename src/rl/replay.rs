@@ -10,41 +10,31 @@ mod seen;
 use super::checkpoint::Tensors;
 use super::schedule::Schedule;
 use super::shards::within_memory;
+use crate::defaults::with_defaults;
 use crate::error::{Error, Result};
 use crate::tasks::{Buffers, Spec};
 pub use seen::{Code, Precision, Seen};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
-/// Settings of the steps that are kept.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct ReplayConfig {
-    /// Steps of environments that are kept.
-    pub capacity: usize,
-    /// Steps that are flown before the first is learnt from, with actions drawn evenly.
-    pub learning_starts: usize,
-    /// n over the run, rounded: steps whose rewards a target adds up before it asks for a value. Many tell soon what follows, but
-    /// of what was done then, noise and all; few are as exact as the value that they ask for (Schwarzer et al. 2023, section 3).
-    pub n_step: Schedule,
-    /// α: a row is drawn as often as its last error to this power; 0 for all alike (Schaul et al. 2016).
-    pub priority: f64,
-    /// β of the weights that make up for it, rising to 1 over the run.
-    pub beta: f64,
-    /// How images and lidars are kept: `f32`, or `u8` in a quarter of the memory.
-    pub images: Precision,
-}
-
-impl Default for ReplayConfig {
-    fn default() -> Self {
-        Self {
-            capacity: 200_000,
-            learning_starts: 4000,
-            n_step: Schedule::constant(1.0),
-            priority: 0.0,
-            beta: 0.4,
-            images: Precision::F32,
-        }
+with_defaults! {
+    /// Settings of the steps that are kept.
+    #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct ReplayConfig {
+        /// Steps of environments that are kept.
+        pub capacity: usize = 200_000,
+        /// Steps that are flown before the first is learnt from, with actions drawn evenly.
+        pub learning_starts: usize = 4000,
+        /// n over the run, rounded: steps whose rewards a target adds up before it asks for a value. Many tell soon what follows, but
+        /// of what was done then, noise and all; few are as exact as the value that they ask for (Schwarzer et al. 2023, section 3).
+        pub n_step: Schedule = Schedule::constant(1.0),
+        /// α: a row is drawn as often as its last error to this power; 0 for all alike (Schaul et al. 2016).
+        pub priority: f64 = 0.0,
+        /// β of the weights that make up for it, rising to 1 over the run.
+        pub beta: f64 = 0.4,
+        /// How images and lidars are kept: `f32`, or `u8` in a quarter of the memory.
+        pub images: Precision = Precision::F32,
     }
 }
 

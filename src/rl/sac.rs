@@ -5,6 +5,7 @@
 
 use super::actor_critic::{ActorCritic, ActorCriticConfig, Exploration, Kind, Noise};
 use super::nn::tanh_gaussian::{draw, pull};
+use crate::defaults::with_defaults;
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
@@ -14,21 +15,17 @@ pub type SacConfig = ActorCriticConfig<Entropy>;
 /// Soft actor-critic, in the middle of a run.
 pub type Sac = ActorCritic<Entropy>;
 
-/// How random the policy is.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Entropy {
-    /// H̄ for each number of an action, nats: −1 leaves a deviation of about 0.09, e^H̄/√(2πe).
-    pub target: f64,
-    /// First α.
-    pub temperature: f64,
-    /// Learning rate of ln α; 0 leaves it as it is.
-    pub learning_rate: f64,
-}
-
-impl Default for Entropy {
-    fn default() -> Self {
-        Self { target: -1.0, temperature: 0.1, learning_rate: 1e-3 }
+with_defaults! {
+    /// How random the policy is.
+    #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct Entropy {
+        /// H̄ for each number of an action, nats: −1 leaves a deviation of about 0.09, e^H̄/√(2πe).
+        pub target: f64 = -1.0,
+        /// First α.
+        pub temperature: f64 = 0.1,
+        /// Learning rate of ln α; 0 leaves it as it is.
+        pub learning_rate: f64 = 1e-3,
     }
 }
 

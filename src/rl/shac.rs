@@ -32,6 +32,7 @@ use super::shards::{begin_statistics, normalise, set_difficulty, shards_if};
 use super::state;
 use super::warm_start::WarmStart;
 use super::window::{Objective, Window, check_windows, gather, windows};
+use crate::defaults::with_defaults;
 use crate::error::{Error, Result};
 use crate::parallel::Threads;
 use crate::rng::{Purpose, Stream};
@@ -39,90 +40,61 @@ use crate::tasks::{Env, EnvConfig, Spec, SweepOptions};
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
 
-/// Settings.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct ShacConfig {
-    /// Environments, E.
-    pub n_env: usize,
-    /// Environments of a shard: one thread steps it for a whole window.
-    pub shard: usize,
-    /// H, steps.
-    pub horizon: usize,
-    /// Updates of a run.
-    pub updates: u64,
-    /// γ.
-    pub discount: f64,
-    /// λ of the critic's targets.
-    pub lambda: f64,
-    /// Share of the run over which w rises from 0 to 1.
-    pub ramp: f64,
-    /// Learning rate of the actor over the run.
-    pub learning_rate: Schedule,
-    /// Learning rate of the critic over the run.
-    pub critic_learning_rate: Schedule,
-    /// Largest norm of the actor's gradient.
-    pub max_grad_norm: f64,
-    /// Largest norm of the critic's gradient.
-    pub critic_max_grad_norm: f64,
-    /// Errors of the critic beyond it count linearly, in units of the cost of a step (Huber 1964).
-    pub huber: f64,
-    /// Whether the critic sees the numbers that differ between environments, where there are any: it is not flown.
-    pub privileged_critic: bool,
-    /// Passes of the critic over a window's experience.
-    pub critic_epochs: usize,
-    /// Minibatches of a pass.
-    pub minibatches: usize,
-    /// Share of the critic's old copy that stays in an update: 0.2 replaces four fifths of it.
-    pub polyak: f32,
-    /// Factor per step on the gradient that is carried back; 1 is exact.
-    pub decay: f32,
-    /// Largest norm, per environment, of the gradient that is carried back, where a step's cost weighs 1: what tumbles
-    /// would drown all others. Infinite for none.
-    pub adjoint_clip: f32,
-    /// Largest norm, per environment and step, of the gradient of its actions, where a step's cost weighs 1: one that explodes
-    /// would turn the update of all. Infinite for none.
-    pub action_clip: f32,
-    /// What is minimised.
-    pub objective: Objective,
-    /// Share of hidden tanh units beyond ±0.99 at which the run begins again at half the rate, up to six times; 1 for never.
-    pub saturation: f64,
-    /// The optimiser of both.
-    pub adam: AdamConfig,
-    /// The policy.
-    pub network: Layers,
-    /// The critic.
-    pub critic: Layers,
-}
-
-impl Default for ShacConfig {
-    fn default() -> Self {
-        Self {
-            n_env: 128,
-            shard: 64,
-            horizon: 32,
-            updates: 750,
-            discount: 0.97,
-            lambda: 0.95,
-            ramp: 0.5,
-            learning_rate: Schedule::cosine(0.01, 1e-4),
-            critic_learning_rate: Schedule::cosine(0.002, 1e-4),
-            max_grad_norm: 0.2,
-            critic_max_grad_norm: 1.0,
-            huber: 5.0,
-            privileged_critic: true,
-            critic_epochs: 2,
-            minibatches: 4,
-            polyak: 0.2,
-            decay: 1.0,
-            adjoint_clip: f32::INFINITY,
-            action_clip: f32::INFINITY,
-            objective: Objective::Loss,
-            saturation: 0.25,
-            adam: AdamConfig { beta2: 0.99, ..AdamConfig::default() },
-            network: Layers::default(),
-            critic: Layers { activation: Activation::Elu, ..Layers::default() },
-        }
+with_defaults! {
+    /// Settings.
+    #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct ShacConfig {
+        /// Environments, E.
+        pub n_env: usize = 128,
+        /// Environments of a shard: one thread steps it for a whole window.
+        pub shard: usize = 64,
+        /// H, steps.
+        pub horizon: usize = 32,
+        /// Updates of a run.
+        pub updates: u64 = 750,
+        /// γ.
+        pub discount: f64 = 0.97,
+        /// λ of the critic's targets.
+        pub lambda: f64 = 0.95,
+        /// Share of the run over which w rises from 0 to 1.
+        pub ramp: f64 = 0.5,
+        /// Learning rate of the actor over the run.
+        pub learning_rate: Schedule = Schedule::cosine(0.01, 1e-4),
+        /// Learning rate of the critic over the run.
+        pub critic_learning_rate: Schedule = Schedule::cosine(0.002, 1e-4),
+        /// Largest norm of the actor's gradient.
+        pub max_grad_norm: f64 = 0.2,
+        /// Largest norm of the critic's gradient.
+        pub critic_max_grad_norm: f64 = 1.0,
+        /// Errors of the critic beyond it count linearly, in units of the cost of a step (Huber 1964).
+        pub huber: f64 = 5.0,
+        /// Whether the critic sees the numbers that differ between environments, where there are any: it is not flown.
+        pub privileged_critic: bool = true,
+        /// Passes of the critic over a window's experience.
+        pub critic_epochs: usize = 2,
+        /// Minibatches of a pass.
+        pub minibatches: usize = 4,
+        /// Share of the critic's old copy that stays in an update: 0.2 replaces four fifths of it.
+        pub polyak: f32 = 0.2,
+        /// Factor per step on the gradient that is carried back; 1 is exact.
+        pub decay: f32 = 1.0,
+        /// Largest norm, per environment, of the gradient that is carried back, where a step's cost weighs 1: what tumbles
+        /// would drown all others. Infinite for none.
+        pub adjoint_clip: f32 = f32::INFINITY,
+        /// Largest norm, per environment and step, of the gradient of its actions, where a step's cost weighs 1: one that explodes
+        /// would turn the update of all. Infinite for none.
+        pub action_clip: f32 = f32::INFINITY,
+        /// What is minimised.
+        pub objective: Objective = Objective::Loss,
+        /// Share of hidden tanh units beyond ±0.99 at which the run begins again at half the rate, up to six times; 1 for never.
+        pub saturation: f64 = 0.25,
+        /// The optimiser of both.
+        pub adam: AdamConfig = AdamConfig { beta2: 0.99, ..AdamConfig::default() },
+        /// The policy.
+        pub network: Layers = Layers::default(),
+        /// The critic.
+        pub critic: Layers = Layers { activation: Activation::Elu, ..Layers::default() },
     }
 }
 

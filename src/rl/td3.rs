@@ -5,6 +5,7 @@
 //! valued with noise that is cut: values of neighbouring actions are to be alike.
 
 use super::actor_critic::{ActorCritic, ActorCriticConfig, Exploration, Kind, Noise};
+use crate::defaults::with_defaults;
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
@@ -14,21 +15,17 @@ pub type Td3Config = ActorCriticConfig<ActionNoise>;
 /// Twin delayed deterministic policy gradients, in the middle of a run.
 pub type Td3 = ActorCritic<ActionNoise>;
 
-/// Noise on actions, which are within ±1.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct ActionNoise {
-    /// Least and largest σ of what is flown; environments lie evenly between them.
-    pub noise: [f64; 2],
-    /// σ of what is valued.
-    pub target_noise: f64,
-    /// Where that is cut.
-    pub noise_clip: f64,
-}
-
-impl Default for ActionNoise {
-    fn default() -> Self {
-        Self { noise: [0.05, 0.3], target_noise: 0.2, noise_clip: 0.5 }
+with_defaults! {
+    /// Noise on actions, which are within ±1.
+    #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct ActionNoise {
+        /// Least and largest σ of what is flown; environments lie evenly between them.
+        pub noise: [f64; 2] = [0.05, 0.3],
+        /// σ of what is valued.
+        pub target_noise: f64 = 0.2,
+        /// Where that is cut.
+        pub noise_clip: f64 = 0.5,
     }
 }
 

@@ -7,30 +7,27 @@
 use crate::autodiff::Mask;
 use crate::autodiff::lanes::{Lanes, RegisterKernel};
 use crate::autodiff::program::BLOCK;
+use crate::defaults::with_defaults;
 use crate::dynamics::Plant;
 use crate::dynamics::batch::STOPPED;
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
-/// Largest magnitudes of what one environment is made of.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Bounds {
-    /// Of a coordinate of a position, m.
-    pub distance: f64,
-    /// Of a component of a velocity, m/s.
-    pub speed: f64,
-    /// Of a component of an angular velocity and of the rate of a joint, rad/s.
-    pub rate: f64,
-    /// Of the angle of a joint, rad.
-    pub angle: f64,
-    /// Of the training loss of a step, which is cut there; the episode goes on.
-    pub loss: f64,
-}
-
-impl Default for Bounds {
-    fn default() -> Self {
-        Self { distance: 200.0, speed: 50.0, rate: 300.0, angle: 100.0, loss: 300.0 }
+with_defaults! {
+    /// Largest magnitudes of what one environment is made of.
+    #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct Bounds {
+        /// Of a coordinate of a position, m.
+        pub distance: f64 = 200.0,
+        /// Of a component of a velocity, m/s.
+        pub speed: f64 = 50.0,
+        /// Of a component of an angular velocity and of the rate of a joint, rad/s.
+        pub rate: f64 = 300.0,
+        /// Of the angle of a joint, rad.
+        pub angle: f64 = 100.0,
+        /// Of the training loss of a step, which is cut there; the episode goes on.
+        pub loss: f64 = 300.0,
     }
 }
 

@@ -4,30 +4,33 @@
 //! `omnidrones tasks NAME`.
 
 use super::settings::Setting;
+use crate::defaults::with_defaults;
 use serde::{Deserialize, Serialize};
 
-/// One named run of numbers in an observation, a state or a memory.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Field {
-    /// `relative_position`.
-    pub name: String,
-    /// Numbers.
-    pub size: usize,
-    /// SI, with the frame where there is one: `m, world`.
-    pub unit: String,
-    /// What it is.
-    pub meaning: String,
-    /// Least value of each of its numbers; −∞ (in JSON null) where there is none.
-    #[serde(with = "below")]
-    pub low: f64,
-    /// Largest value of each of its numbers; ∞ (in JSON null) where there is none.
-    #[serde(with = "above")]
-    pub high: f64,
-    /// Of its numbers, as functions of the state.
-    pub smoothness: Smoothness,
-    /// How its numbers lie about each other.
-    #[serde(default, skip_serializing_if = "Layout::is_vector")]
-    pub layout: Layout,
+with_defaults! {
+    /// One named run of numbers in an observation, a state or a memory.
+    #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+    pub struct Field {
+        /// `relative_position`.
+        pub name: String = String::new(),
+        /// Numbers.
+        pub size: usize = 0,
+        /// SI, with the frame where there is one: `m, world`.
+        pub unit: String = String::new(),
+        /// What it is.
+        pub meaning: String = String::new(),
+        /// Least value of each of its numbers; −∞ (in JSON null) where there is none.
+        #[serde(with = "below")]
+        pub low: f64 = f64::NEG_INFINITY,
+        /// Largest value of each of its numbers; ∞ (in JSON null) where there is none.
+        #[serde(with = "above")]
+        pub high: f64 = f64::INFINITY,
+        /// Of its numbers, as functions of the state.
+        pub smoothness: Smoothness = Smoothness::Smooth,
+        /// How its numbers lie about each other.
+        #[serde(default, skip_serializing_if = "Layout::is_vector")]
+        pub layout: Layout = Layout::Vector,
+    }
 }
 
 /// How the numbers of a field lie about each other.
@@ -91,21 +94,6 @@ impl Field {
     /// Whether its numbers are what rays meet: pixels, or beams of a lidar.
     pub fn is_of_rays(&self) -> bool {
         matches!(self.layout, Layout::Image { .. } | Layout::Lidar { .. })
-    }
-}
-
-impl Default for Field {
-    fn default() -> Self {
-        Self {
-            name: String::new(),
-            size: 0,
-            unit: String::new(),
-            meaning: String::new(),
-            low: f64::NEG_INFINITY,
-            high: f64::INFINITY,
-            smoothness: Smoothness::Smooth,
-            layout: Layout::Vector,
-        }
     }
 }
 

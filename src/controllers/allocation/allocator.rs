@@ -11,6 +11,7 @@ use super::gradient::AllocationSensitivity;
 use super::problem::{Problem, Scales, WRENCH, rate_window};
 use super::residual::residual;
 use super::variation::Variation;
+use crate::defaults::with_defaults;
 use crate::error::{Error, Result, finite};
 
 /// Most Newton steps on an interior point: each doubles its digits.
@@ -88,20 +89,16 @@ impl Counts {
     }
 }
 
-/// What an allocator may use, and how exact an answer has to be.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Settings {
-    /// Largest scaled KKT residual of an answer that moves a rotor.
-    pub tolerance: f64,
-    /// Whether the closed form and the active set are tried before clarabel.
-    pub fast: bool,
-    /// Whether the active set starts from the last one.
-    pub warm: bool,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self { tolerance: 1e-7, fast: true, warm: true }
+with_defaults! {
+    /// What an allocator may use, and how exact an answer has to be.
+    #[derive(Debug, Clone, Copy, PartialEq)]
+    pub struct Settings {
+        /// Largest scaled KKT residual of an answer that moves a rotor.
+        pub tolerance: f64 = 1e-7,
+        /// Whether the closed form and the active set are tried before clarabel.
+        pub fast: bool = true,
+        /// Whether the active set starts from the last one.
+        pub warm: bool = true,
     }
 }
 

@@ -2,34 +2,31 @@
 
 use super::trajectory::{Curve, coordinates, within};
 use crate::autodiff::Scalar;
+use crate::defaults::with_defaults;
 use crate::dynamics::spatial::Vec3;
 use crate::error::Result;
 use serde::{Deserialize, Serialize};
 
-/// p = centre + r (cos φ, sin φ, 0), φ̇ rising from 0 to `rate` within `spin_up` seconds along the smooth step
-/// 35x⁴ − 84x⁵ + 70x⁶ − 20x⁷ (three zero derivatives at either end), so that snap is continuous everywhere.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Circle {
-    /// World, m. Default (0, 0, 2).
-    pub center: [f64; 3],
-    /// r, m, ≥ 0. Default 2.
-    pub radius: f64,
-    /// Final φ̇, rad/s, counter-clockwise from above where positive, |φ̇| ≤ 100. Default 1.
-    pub rate: f64,
-    /// s, 0.001 to 1e6. Default 2.
-    pub spin_up: f64,
-    /// Yaw, rad; relative to the direction of flight where `along_path`. Default 0.
-    pub yaw: f64,
-    /// Whether the heading turns with the direction of flight. Default false.
-    pub along_path: bool,
-    /// How far the path is at t = 0, s, ≥ 0: from `spin_up` on at its full rate. Default 0, at rest.
-    pub ahead: f64,
-}
-
-impl Default for Circle {
-    fn default() -> Self {
-        Self { center: [0.0, 0.0, 2.0], radius: 2.0, rate: 1.0, spin_up: 2.0, yaw: 0.0, along_path: false, ahead: 0.0 }
+with_defaults! {
+    /// p = centre + r (cos φ, sin φ, 0), φ̇ rising from 0 to `rate` within `spin_up` seconds along the smooth step
+    /// 35x⁴ − 84x⁵ + 70x⁶ − 20x⁷ (three zero derivatives at either end), so that snap is continuous everywhere.
+    #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct Circle {
+        /// World, m. Default (0, 0, 2).
+        pub center: [f64; 3] = [0.0, 0.0, 2.0],
+        /// r, m, ≥ 0. Default 2.
+        pub radius: f64 = 2.0,
+        /// Final φ̇, rad/s, counter-clockwise from above where positive, |φ̇| ≤ 100. Default 1.
+        pub rate: f64 = 1.0,
+        /// s, 0.001 to 1e6. Default 2.
+        pub spin_up: f64 = 2.0,
+        /// Yaw, rad; relative to the direction of flight where `along_path`. Default 0.
+        pub yaw: f64 = 0.0,
+        /// Whether the heading turns with the direction of flight. Default false.
+        pub along_path: bool = false,
+        /// How far the path is at t = 0, s, ≥ 0: from `spin_up` on at its full rate. Default 0, at rest.
+        pub ahead: f64 = 0.0,
     }
 }
 

@@ -3,37 +3,34 @@
 use super::circle::smooth_phase;
 use super::trajectory::{Curve, coordinates, within};
 use crate::autodiff::Scalar;
+use crate::defaults::with_defaults;
 use crate::dynamics::spatial::Vec3;
 use crate::error::Result;
 use serde::{Deserialize, Serialize};
 
-/// p = centre + R_z(ψ) (a cos φ, b sin φ, 0), or standing across the heading ψ: centre + R_z(ψ) (0, a cos φ, b sin φ); φ̇ rises from 0
-/// to `rate` within `spin_up` seconds as in a [`Circle`](super::Circle).
-///
-/// At full rate the speed is at most `rate` times the larger half axis and the acceleration `rate`² times it. A standing
-/// ellipse lies across the heading, so that the heading has a meaning upside down too.
-///
-/// Source: the references of Sun, Romero, Foehn, Kaufmann, Scaramuzza 2022.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Ellipse {
-    /// World, m. Default (0, 0, 2).
-    pub center: [f64; 3],
-    /// Half axes a, b, m, ≥ 0. Default 2 and 1.
-    pub half_axes: [f64; 2],
-    /// Final φ̇, rad/s, |φ̇| ≤ 100. Default 1.
-    pub rate: f64,
-    /// s, 0.001 to 1e6. Default 2.
-    pub spin_up: f64,
-    /// Whether it stands. Default false.
-    pub standing: bool,
-    /// ψ, rad: the heading, and where the ellipse is turned to. Default 0.
-    pub yaw: f64,
-}
-
-impl Default for Ellipse {
-    fn default() -> Self {
-        Self { center: [0.0, 0.0, 2.0], half_axes: [2.0, 1.0], rate: 1.0, spin_up: 2.0, standing: false, yaw: 0.0 }
+with_defaults! {
+    /// p = centre + R_z(ψ) (a cos φ, b sin φ, 0), or standing across the heading ψ: centre + R_z(ψ) (0, a cos φ, b sin φ); φ̇ rises from 0
+    /// to `rate` within `spin_up` seconds as in a [`Circle`](super::Circle).
+    ///
+    /// At full rate the speed is at most `rate` times the larger half axis and the acceleration `rate`² times it. A standing
+    /// ellipse lies across the heading, so that the heading has a meaning upside down too.
+    ///
+    /// Source: the references of Sun, Romero, Foehn, Kaufmann, Scaramuzza 2022.
+    #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct Ellipse {
+        /// World, m. Default (0, 0, 2).
+        pub center: [f64; 3] = [0.0, 0.0, 2.0],
+        /// Half axes a, b, m, ≥ 0. Default 2 and 1.
+        pub half_axes: [f64; 2] = [2.0, 1.0],
+        /// Final φ̇, rad/s, |φ̇| ≤ 100. Default 1.
+        pub rate: f64 = 1.0,
+        /// s, 0.001 to 1e6. Default 2.
+        pub spin_up: f64 = 2.0,
+        /// Whether it stands. Default false.
+        pub standing: bool = false,
+        /// ψ, rad: the heading, and where the ellipse is turned to. Default 0.
+        pub yaw: f64 = 0.0,
     }
 }
 

@@ -2,23 +2,20 @@
 
 use super::trajectory::{Curve, coordinates, within};
 use crate::autodiff::Scalar;
+use crate::defaults::with_defaults;
 use crate::dynamics::spatial::{Vec3, constants};
 use crate::error::Result;
 use serde::{Deserialize, Serialize};
 
-/// Stay at a point.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Hover {
-    /// World, m. Default (0, 0, 2).
-    pub position: [f64; 3],
-    /// rad. Default 0.
-    pub yaw: f64,
-}
-
-impl Default for Hover {
-    fn default() -> Self {
-        Self { position: [0.0, 0.0, 2.0], yaw: 0.0 }
+with_defaults! {
+    /// Stay at a point.
+    #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct Hover {
+        /// World, m. Default (0, 0, 2).
+        pub position: [f64; 3] = [0.0, 0.0, 2.0],
+        /// rad. Default 0.
+        pub yaw: f64 = 0.0,
     }
 }
 
@@ -47,24 +44,20 @@ impl Curve for Hover {
     }
 }
 
-/// Stay at one point, and from `time` on at another. The jump has no derivative: velocity and all above are zero on
-/// both sides, so the controller meets a pure position error.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Step {
-    /// World, m. Default (0, 0, 2).
-    pub from: [f64; 3],
-    /// World, m. Default (1, 0, 2).
-    pub to: [f64; 3],
-    /// When to jump, s, > 0. Default 1.
-    pub time: f64,
-    /// rad. Default 0.
-    pub yaw: f64,
-}
-
-impl Default for Step {
-    fn default() -> Self {
-        Self { from: [0.0, 0.0, 2.0], to: [1.0, 0.0, 2.0], time: 1.0, yaw: 0.0 }
+with_defaults! {
+    /// Stay at one point, and from `time` on at another. The jump has no derivative: velocity and all above are zero on
+    /// both sides, so the controller meets a pure position error.
+    #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct Step {
+        /// World, m. Default (0, 0, 2).
+        pub from: [f64; 3] = [0.0, 0.0, 2.0],
+        /// World, m. Default (1, 0, 2).
+        pub to: [f64; 3] = [1.0, 0.0, 2.0],
+        /// When to jump, s, > 0. Default 1.
+        pub time: f64 = 1.0,
+        /// rad. Default 0.
+        pub yaw: f64 = 0.0,
     }
 }
 

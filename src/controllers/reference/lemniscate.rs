@@ -2,46 +2,35 @@
 
 use super::trajectory::{Curve, coordinates, within};
 use crate::autodiff::Scalar;
+use crate::defaults::with_defaults;
 use crate::dynamics::spatial::Vec3;
 use crate::error::Result;
 use serde::{Deserialize, Serialize};
 
-/// p = origin + Rz(ψ) (S ∘ L(θ; c)), θ = π/2 + τ(w (t + t₀)).
-///
-/// The paper scales after rotating, which shears a rotated curve; here the scaled curve is rotated, so its shape does
-/// not depend on ψ. The warp starts from rest with velocity continuous, but its second derivative jumps at t = 0 from
-/// 0 to ±2w²: position and velocity are continuous there; acceleration (from 0 to w|w| Rz(ψ) (−S_x, −S_y, 0)) and all
-/// above jump. Samples at t = 0 are right-hand values; for t > 0 all derivatives exist.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Lemniscate {
-    /// w, rad/s, either sign, |w| ≤ 100. Default 1.
-    pub rate: f64,
-    /// S per axis, m, ≥ 0. Default (2.5, 2.5, 1.2).
-    pub scale: [f64; 3],
-    /// c, height of the curve relative to its width. Default 0.6.
-    pub vertical: f64,
-    /// ψ, rotation of the curve about the vertical through its origin, rad. Default 0.
-    pub rotation: f64,
-    /// World, m. Default (0, 0, 2).
-    pub origin: [f64; 3],
-    /// Yaw of the vehicle, rad. Default 0.
-    pub yaw: f64,
-    /// t₀, how far the path is at t = 0, s, ≥ 0. Default 0, at rest.
-    pub ahead: f64,
-}
-
-impl Default for Lemniscate {
-    fn default() -> Self {
-        Self {
-            rate: 1.0,
-            scale: [2.5, 2.5, 1.2],
-            vertical: 0.6,
-            rotation: 0.0,
-            origin: [0.0, 0.0, 2.0],
-            yaw: 0.0,
-            ahead: 0.0,
-        }
+with_defaults! {
+    /// p = origin + Rz(ψ) (S ∘ L(θ; c)), θ = π/2 + τ(w (t + t₀)).
+    ///
+    /// The paper scales after rotating, which shears a rotated curve; here the scaled curve is rotated, so its shape does
+    /// not depend on ψ. The warp starts from rest with velocity continuous, but its second derivative jumps at t = 0 from
+    /// 0 to ±2w²: position and velocity are continuous there; acceleration (from 0 to w|w| Rz(ψ) (−S_x, −S_y, 0)) and all
+    /// above jump. Samples at t = 0 are right-hand values; for t > 0 all derivatives exist.
+    #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct Lemniscate {
+        /// w, rad/s, either sign, |w| ≤ 100. Default 1.
+        pub rate: f64 = 1.0,
+        /// S per axis, m, ≥ 0. Default (2.5, 2.5, 1.2).
+        pub scale: [f64; 3] = [2.5, 2.5, 1.2],
+        /// c, height of the curve relative to its width. Default 0.6.
+        pub vertical: f64 = 0.6,
+        /// ψ, rotation of the curve about the vertical through its origin, rad. Default 0.
+        pub rotation: f64 = 0.0,
+        /// World, m. Default (0, 0, 2).
+        pub origin: [f64; 3] = [0.0, 0.0, 2.0],
+        /// Yaw of the vehicle, rad. Default 0.
+        pub yaw: f64 = 0.0,
+        /// t₀, how far the path is at t = 0, s, ≥ 0. Default 0, at rest.
+        pub ahead: f64 = 0.0,
     }
 }
 

@@ -25,6 +25,7 @@
 //! the link; rotors are the links' own in order, and there is one `Drone` per module.
 
 use super::configuration::{Configuration, DroneMap, PER_DEGREE, pair};
+use crate::defaults::with_defaults;
 use crate::dynamics::assembly::{Assembly, Join, Kind, Servo, Solid, rod};
 use crate::dynamics::vehicle::{Inertia, Rotor};
 use crate::error::{Error, Result};
@@ -34,72 +35,48 @@ const X: [f64; 3] = [1.0, 0.0, 0.0];
 const Y: [f64; 3] = [0.0, 1.0, 0.0];
 const Z: [f64; 3] = [0.0, 0.0, 1.0];
 
-/// Parameters; `Default` is the paper's with four links.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Dragon {
-    /// 1 to 12.
-    pub n_link: usize,
-    /// Between the joints at its ends, m.
-    pub link_length: f64,
-    /// kg.
-    pub link_mass: f64,
-    /// kg.
-    pub ring_mass: f64,
-    /// Of the ball that stands for the ring's inertia, m.
-    pub ring_radius: f64,
-    /// kg, without rotors.
-    pub module_mass: f64,
-    /// Of the module and its second hinge above the link, m.
-    pub module_height: f64,
-    /// Rotors at ±this along y, m.
-    pub rotor_offset: f64,
-    /// Of the rotors above the link, m.
-    pub rotor_height: f64,
-    /// Of a blade, kg.
-    pub rotor_mass: f64,
-    /// Lag of the gimbal rates, s.
-    pub gimbal_time_constant: f64,
-    /// N m.
-    pub gimbal_torque: f64,
-    /// rad/s at full command.
-    pub gimbal_rate: f64,
-    /// Of a bend's servo, N m/rad.
-    pub bend_stiffness: f64,
-    /// Of a bend's servo, N m s/rad.
-    pub bend_damping: f64,
-    /// N m.
-    pub bend_torque: f64,
-    /// Reflected inertia of a bend's motor, kg m².
-    pub bend_armature: f64,
-    /// Either way from straight, of targets and stops, rad.
-    pub bend_range: f64,
-    /// Rates of loss of speed and of rotation of every body, 1/s.
-    pub damping: [f64; 2],
-}
-
-impl Default for Dragon {
-    fn default() -> Self {
-        Self {
-            n_link: 4,
-            link_length: 0.3,
-            link_mass: 0.2,
-            ring_mass: 0.2,
-            ring_radius: 0.04,
-            module_mass: 0.2,
-            module_height: 0.02,
-            rotor_offset: 0.1,
-            rotor_height: 0.06,
-            rotor_mass: 0.0065,
-            gimbal_time_constant: 0.02,
-            gimbal_torque: 2.0,
-            gimbal_rate: FRAC_PI_2,
-            bend_stiffness: PER_DEGREE,
-            bend_damping: 0.5 * PER_DEGREE,
-            bend_torque: 7.0,
-            bend_armature: 0.01,
-            bend_range: FRAC_PI_2,
-            damping: [0.2, 0.2],
-        }
+with_defaults! {
+    /// Parameters; `Default` is the paper's with four links.
+    #[derive(Debug, Clone, PartialEq)]
+    pub struct Dragon {
+        /// 1 to 12.
+        pub n_link: usize = 4,
+        /// Between the joints at its ends, m.
+        pub link_length: f64 = 0.3,
+        /// kg.
+        pub link_mass: f64 = 0.2,
+        /// kg.
+        pub ring_mass: f64 = 0.2,
+        /// Of the ball that stands for the ring's inertia, m.
+        pub ring_radius: f64 = 0.04,
+        /// kg, without rotors.
+        pub module_mass: f64 = 0.2,
+        /// Of the module and its second hinge above the link, m.
+        pub module_height: f64 = 0.02,
+        /// Rotors at ±this along y, m.
+        pub rotor_offset: f64 = 0.1,
+        /// Of the rotors above the link, m.
+        pub rotor_height: f64 = 0.06,
+        /// Of a blade, kg.
+        pub rotor_mass: f64 = 0.0065,
+        /// Lag of the gimbal rates, s.
+        pub gimbal_time_constant: f64 = 0.02,
+        /// N m.
+        pub gimbal_torque: f64 = 2.0,
+        /// rad/s at full command.
+        pub gimbal_rate: f64 = FRAC_PI_2,
+        /// Of a bend's servo, N m/rad.
+        pub bend_stiffness: f64 = PER_DEGREE,
+        /// Of a bend's servo, N m s/rad.
+        pub bend_damping: f64 = 0.5 * PER_DEGREE,
+        /// N m.
+        pub bend_torque: f64 = 7.0,
+        /// Reflected inertia of a bend's motor, kg m².
+        pub bend_armature: f64 = 0.01,
+        /// Either way from straight, of targets and stops, rad.
+        pub bend_range: f64 = FRAC_PI_2,
+        /// Rates of loss of speed and of rotation of every body, 1/s.
+        pub damping: [f64; 2] = [0.2, 0.2],
     }
 }
 

@@ -17,50 +17,36 @@
 //! should read the frame, not the mount (19): [`GateMap::frame`].
 
 use super::configuration::Configuration;
+use crate::defaults::with_defaults;
 use crate::dynamics::assembly::{Assembly, Join, Kind, Placement, Solid, WORLD, rod};
 use crate::dynamics::shape::Shape;
 use crate::dynamics::vehicle::Inertia;
 use crate::error::{Error, Result};
 
-/// Parameters; `Default` is the paper's.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Gate {
-    /// Where it stands: the opening's middle, looking along x.
-    pub place: Placement,
-    /// Half distance between the uprights' centre lines, m, before `scale`.
-    pub half_width: f64,
-    /// Half distance between the crossbars' centre lines, m, before `scale`.
-    pub half_height: f64,
-    /// Of the capsules, m, before `scale`.
-    pub radius: f64,
-    /// kg.
-    pub mass: f64,
-    /// About the frame's middle, kg m²; it does not turn, so it does not matter.
-    pub inertia: Inertia,
-    /// Of all lengths.
-    pub scale: f64,
-    /// Either way from the middle, m, before `scale`.
-    pub range: f64,
-    /// N/m.
-    pub stiffness: f64,
-    /// N s/m.
-    pub damping: f64,
-}
-
-impl Default for Gate {
-    fn default() -> Self {
-        Self {
-            place: Placement::IDENTITY,
-            half_width: 0.6,
-            half_height: 0.55,
-            radius: 0.04,
-            mass: 4.0,
-            inertia: Inertia::diagonal(0.01, 0.01, 0.0075),
-            scale: 1.1,
-            range: 2.0,
-            stiffness: 3.0,
-            damping: 0.0,
-        }
+with_defaults! {
+    /// Parameters; `Default` is the paper's.
+    #[derive(Debug, Clone, PartialEq)]
+    pub struct Gate {
+        /// Where it stands: the opening's middle, looking along x.
+        pub place: Placement = Placement::IDENTITY,
+        /// Half distance between the uprights' centre lines, m, before `scale`.
+        pub half_width: f64 = 0.6,
+        /// Half distance between the crossbars' centre lines, m, before `scale`.
+        pub half_height: f64 = 0.55,
+        /// Of the capsules, m, before `scale`.
+        pub radius: f64 = 0.04,
+        /// kg.
+        pub mass: f64 = 4.0,
+        /// About the frame's middle, kg m²; it does not turn, so it does not matter.
+        pub inertia: Inertia = Inertia::diagonal(0.01, 0.01, 0.0075),
+        /// Of all lengths.
+        pub scale: f64 = 1.1,
+        /// Either way from the middle, m, before `scale`.
+        pub range: f64 = 2.0,
+        /// N/m.
+        pub stiffness: f64 = 3.0,
+        /// N s/m.
+        pub damping: f64 = 0.0,
     }
 }
 

@@ -14,41 +14,30 @@
 //! DIFFERENCE: `InvPendulumHover` ignores its bar length (defect 23); here it is a parameter like any other.
 
 use super::configuration::{Configuration, DroneMap, PER_DEGREE, pair};
+use crate::defaults::with_defaults;
 use crate::dynamics::assembly::{Assembly, Join, Kind, Solid};
 use crate::dynamics::vehicle::Vehicle;
 use crate::dynamics::vehicles::hummingbird;
 use crate::error::Result;
 
-/// Parameters; `Default` is the paper's.
-#[derive(Debug, Clone, PartialEq)]
-pub struct InvertedPendulum {
-    /// What balances it.
-    pub drone: Vehicle,
-    /// Of the bar, from the drone's origin to the ball's centre, m.
-    pub length: f64,
-    /// m.
-    pub bar_radius: f64,
-    /// kg.
-    pub bar_mass: f64,
-    /// Of the ball, m.
-    pub payload_radius: f64,
-    /// kg.
-    pub payload_mass: f64,
-    /// Per axis, N m s/rad.
-    pub damping: f64,
-}
-
-impl Default for InvertedPendulum {
-    fn default() -> Self {
-        Self {
-            drone: hummingbird(),
-            length: 1.0,
-            bar_radius: 0.01,
-            bar_mass: 0.001,
-            payload_radius: 0.04,
-            payload_mass: 0.3,
-            damping: 2e-6 * PER_DEGREE,
-        }
+with_defaults! {
+    /// Parameters; `Default` is the paper's.
+    #[derive(Debug, Clone, PartialEq)]
+    pub struct InvertedPendulum {
+        /// What balances it.
+        pub drone: Vehicle = hummingbird(),
+        /// Of the bar, from the drone's origin to the ball's centre, m.
+        pub length: f64 = 1.0,
+        /// m.
+        pub bar_radius: f64 = 0.01,
+        /// kg.
+        pub bar_mass: f64 = 0.001,
+        /// Of the ball, m.
+        pub payload_radius: f64 = 0.04,
+        /// kg.
+        pub payload_mass: f64 = 0.3,
+        /// Per axis, N m s/rad.
+        pub damping: f64 = 2e-6 * PER_DEGREE,
     }
 }
 

@@ -18,6 +18,7 @@
 //! for the whole vehicle, at its core.
 
 use super::configuration::{Configuration, DroneMap};
+use crate::defaults::with_defaults;
 use crate::dynamics::assembly::{Assembly, Join, Kind, Placement, Servo, Solid};
 use crate::dynamics::vehicle::{Part, Vehicle};
 use crate::dynamics::vehicles::omav;
@@ -27,25 +28,21 @@ use nalgebra::{Rotation3, Vector3};
 /// Number of tilting units.
 const N_UNIT: usize = 6;
 
-/// Parameters; `Default` is the paper's, servos ours.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Omav {
-    /// The rigid vehicle that is cut at its arms: parts `base_link` and `tilt_unit_j`, rotors and rotor parts
-    /// `rotor_j` and `rotor_(j+6)`.
-    pub vehicle: Vehicle,
-    /// Lag of the tilt rates, s.
-    pub time_constant: f64,
-    /// N m.
-    pub max_torque: f64,
-    /// rad/s at full command.
-    pub max_rate: f64,
-    /// Rates of loss of speed and of rotation of every body, 1/s.
-    pub damping: [f64; 2],
-}
-
-impl Default for Omav {
-    fn default() -> Self {
-        Self { vehicle: omav(), time_constant: 0.02, max_torque: 1.0, max_rate: 10.0, damping: [0.2, 0.2] }
+with_defaults! {
+    /// Parameters; `Default` is the paper's, servos ours.
+    #[derive(Debug, Clone, PartialEq)]
+    pub struct Omav {
+        /// The rigid vehicle that is cut at its arms: parts `base_link` and `tilt_unit_j`, rotors and rotor parts
+        /// `rotor_j` and `rotor_(j+6)`.
+        pub vehicle: Vehicle = omav(),
+        /// Lag of the tilt rates, s.
+        pub time_constant: f64 = 0.02,
+        /// N m.
+        pub max_torque: f64 = 1.0,
+        /// rad/s at full command.
+        pub max_rate: f64 = 10.0,
+        /// Rates of loss of speed and of rotation of every body, 1/s.
+        pub damping: [f64; 2] = [0.2, 0.2],
     }
 }
 

@@ -13,45 +13,33 @@
 //! | stops | natural rate 30 rad/s, dissipation 3 s/rad | our assumption |
 
 use super::configuration::{Configuration, DroneMap, PER_DEGREE, pair};
+use crate::defaults::with_defaults;
 use crate::dynamics::assembly::{Assembly, Join, Kind, Solid};
 use crate::dynamics::vehicle::Vehicle;
 use crate::dynamics::vehicles::hummingbird;
 use crate::error::Result;
 use std::f64::consts::PI;
 
-/// Parameters; `Default` is the paper's.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Payload {
-    /// What carries it.
-    pub drone: Vehicle,
-    /// Of the bar, from the drone's origin to the ball's centre, m.
-    pub length: f64,
-    /// m.
-    pub bar_radius: f64,
-    /// kg.
-    pub bar_mass: f64,
-    /// Of the ball, m.
-    pub payload_radius: f64,
-    /// kg.
-    pub payload_mass: f64,
-    /// Either way from hanging straight, rad.
-    pub range: f64,
-    /// Per axis, N m s/rad.
-    pub damping: f64,
-}
-
-impl Default for Payload {
-    fn default() -> Self {
-        Self {
-            drone: hummingbird(),
-            length: 1.0,
-            bar_radius: 0.01,
-            bar_mass: 0.001,
-            payload_radius: 0.04,
-            payload_mass: 0.3,
-            range: 2.0 / 3.0 * PI,
-            damping: 2e-6 * PER_DEGREE,
-        }
+with_defaults! {
+    /// Parameters; `Default` is the paper's.
+    #[derive(Debug, Clone, PartialEq)]
+    pub struct Payload {
+        /// What carries it.
+        pub drone: Vehicle = hummingbird(),
+        /// Of the bar, from the drone's origin to the ball's centre, m.
+        pub length: f64 = 1.0,
+        /// m.
+        pub bar_radius: f64 = 0.01,
+        /// kg.
+        pub bar_mass: f64 = 0.001,
+        /// Of the ball, m.
+        pub payload_radius: f64 = 0.04,
+        /// kg.
+        pub payload_mass: f64 = 0.3,
+        /// Either way from hanging straight, rad.
+        pub range: f64 = 2.0 / 3.0 * PI,
+        /// Per axis, N m s/rad.
+        pub damping: f64 = 2e-6 * PER_DEGREE,
     }
 }
 

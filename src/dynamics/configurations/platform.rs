@@ -18,6 +18,7 @@
 //! stiff. RK4 takes joint damping explicitly and diverges there above 0.7 ms; `SemiImplicit` takes it implicitly.
 
 use super::configuration::{Configuration, DroneMap, PER_DEGREE, pair};
+use crate::defaults::with_defaults;
 use crate::dynamics::assembly::{Assembly, Join, Kind, Placement, Solid, rod};
 use crate::dynamics::vehicle::Vehicle;
 use crate::dynamics::vehicles::hummingbird;
@@ -26,33 +27,22 @@ use std::f64::consts::TAU;
 
 const Z: [f64; 3] = [0.0, 0.0, 1.0];
 
-/// Parameters; `Default` is the paper's with four drones.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Platform {
-    /// What lifts it, at every arm.
-    pub drone: Vehicle,
-    /// N, 2 to 12.
-    pub n_drone: usize,
-    /// From the frame's centre to a drone's origin, m.
-    pub arm_length: f64,
-    /// Of all arms together, kg.
-    pub frame_mass: f64,
-    /// Per axis, N m s/rad.
-    pub damping: f64,
-    /// Whether drones have yaw −2πj/N, as the paper's, or all that of the frame.
-    pub rotate_drones: bool,
-}
-
-impl Default for Platform {
-    fn default() -> Self {
-        Self {
-            drone: hummingbird(),
-            n_drone: 4,
-            arm_length: 0.85,
-            frame_mass: 0.2,
-            damping: 0.001 * PER_DEGREE,
-            rotate_drones: true,
-        }
+with_defaults! {
+    /// Parameters; `Default` is the paper's with four drones.
+    #[derive(Debug, Clone, PartialEq)]
+    pub struct Platform {
+        /// What lifts it, at every arm.
+        pub drone: Vehicle = hummingbird(),
+        /// N, 2 to 12.
+        pub n_drone: usize = 4,
+        /// From the frame's centre to a drone's origin, m.
+        pub arm_length: f64 = 0.85,
+        /// Of all arms together, kg.
+        pub frame_mass: f64 = 0.2,
+        /// Per axis, N m s/rad.
+        pub damping: f64 = 0.001 * PER_DEGREE,
+        /// Whether drones have yaw −2πj/N, as the paper's, or all that of the frame.
+        pub rotate_drones: bool = true,
     }
 }
 

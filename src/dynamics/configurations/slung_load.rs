@@ -16,6 +16,7 @@
 //! Unlike the bar of [`Payload`](super::Payload), a cable pulls and never pushes, and lets the drone turn freely.
 
 use super::configuration::{Configuration, DroneMap};
+use crate::defaults::with_defaults;
 use crate::dynamics::GRAVITY;
 use crate::dynamics::assembly::{Assembly, Member, Solid, group, single};
 use crate::dynamics::tree::{CABLE_ROUND, Cable, CableEnd};
@@ -27,39 +28,26 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 /// Most drones on one load.
 const MAX_DRONES: usize = 8;
 
-/// Parameters; `Default` is one drone.
-#[derive(Debug, Clone, PartialEq)]
-pub struct SlungLoad {
-    /// What carries it, at every cable.
-    pub drone: Vehicle,
-    /// How many of them, on a circle.
-    pub n_drone: usize,
-    /// Of the cables, from a drone's origin to the ball's centre, m.
-    pub length: f64,
-    /// Of the cables at rest from the vertical, rad; one alone hangs straight.
-    pub spread: f64,
-    /// k, N/m.
-    pub stiffness: f64,
-    /// d, s/m.
-    pub dissipation: f64,
-    /// Of the ball, m.
-    pub payload_radius: f64,
-    /// kg.
-    pub payload_mass: f64,
-}
-
-impl Default for SlungLoad {
-    fn default() -> Self {
-        Self {
-            drone: hummingbird(),
-            n_drone: 1,
-            length: 1.0,
-            spread: 0.6,
-            stiffness: 2000.0,
-            dissipation: 1.0,
-            payload_radius: 0.04,
-            payload_mass: 0.3,
-        }
+with_defaults! {
+    /// Parameters; `Default` is one drone.
+    #[derive(Debug, Clone, PartialEq)]
+    pub struct SlungLoad {
+        /// What carries it, at every cable.
+        pub drone: Vehicle = hummingbird(),
+        /// How many of them, on a circle.
+        pub n_drone: usize = 1,
+        /// Of the cables, from a drone's origin to the ball's centre, m.
+        pub length: f64 = 1.0,
+        /// Of the cables at rest from the vertical, rad; one alone hangs straight.
+        pub spread: f64 = 0.6,
+        /// k, N/m.
+        pub stiffness: f64 = 2000.0,
+        /// d, s/m.
+        pub dissipation: f64 = 1.0,
+        /// Of the ball, m.
+        pub payload_radius: f64 = 0.04,
+        /// kg.
+        pub payload_mass: f64 = 0.3,
     }
 }
 

@@ -1,50 +1,38 @@
 //! A gate: four bars around an opening, fixed or sliding on a spring.
 
 use crate::autodiff::{Scalar, safe};
+use crate::defaults::with_defaults;
 use crate::dynamics::contact::{ContactMaterial, force};
 use crate::dynamics::shape::{MAX_SIZE, MIN_SIZE, Pose, upright, validate_pose, within};
 use crate::dynamics::spatial::{Vec3, add, constants};
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
-/// A frame of four capsules in its local yz plane around the opening; one flies through along local x.
-///
-/// The lengths are those before `scale`. The default is the frame of OmniDrones (`gate_sliding.usd`, used there at scale
-/// 1.1): bars of radius 0.04 m along y = ±0.6 m and z = ±0.55 m.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Gate {
-    /// Unique in its scene; for messages.
-    pub name: String,
-    /// Centre of the opening where the slide is at 0, world, m.
-    pub position: [f64; 3],
-    /// Unit quaternion `[w, x, y, z]`, gate → world.
-    pub rotation: [f64; 4],
-    /// y of the upright bars' axes, m.
-    pub half_width: f64,
-    /// z of the level bars' axes, m.
-    pub half_height: f64,
-    /// Of the bars, m.
-    pub radius: f64,
-    /// Factor on the three lengths.
-    pub scale: f64,
-    /// Where the frame slides along its local y; `None` for a fixed gate.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub slide: Option<Slide>,
-}
-
-impl Default for Gate {
-    fn default() -> Self {
-        Self {
-            name: "gate".into(),
-            position: [0.0; 3],
-            rotation: upright(),
-            half_width: 0.6,
-            half_height: 0.55,
-            radius: 0.04,
-            scale: 1.1,
-            slide: None,
-        }
+with_defaults! {
+    /// A frame of four capsules in its local yz plane around the opening; one flies through along local x.
+    ///
+    /// The lengths are those before `scale`. The default is the frame of OmniDrones (`gate_sliding.usd`, used there at scale
+    /// 1.1): bars of radius 0.04 m along y = ±0.6 m and z = ±0.55 m.
+    #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct Gate {
+        /// Unique in its scene; for messages.
+        pub name: String = "gate".into(),
+        /// Centre of the opening where the slide is at 0, world, m.
+        pub position: [f64; 3] = [0.0; 3],
+        /// Unit quaternion `[w, x, y, z]`, gate → world.
+        pub rotation: [f64; 4] = upright(),
+        /// y of the upright bars' axes, m.
+        pub half_width: f64 = 0.6,
+        /// z of the level bars' axes, m.
+        pub half_height: f64 = 0.55,
+        /// Of the bars, m.
+        pub radius: f64 = 0.04,
+        /// Factor on the three lengths.
+        pub scale: f64 = 1.1,
+        /// Where the frame slides along its local y; `None` for a fixed gate.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub slide: Option<Slide> = None,
     }
 }
 

@@ -10,6 +10,7 @@ use super::reading::{Form, MOST_LOST, check_count, is_lost};
 use super::shade;
 use super::sight::{Readings, Sight};
 use super::slope::Met;
+use crate::defaults::with_defaults;
 use crate::dynamics::scene::Element;
 use crate::dynamics::shape::Pose;
 use crate::dynamics::spatial::rotate_back;
@@ -77,49 +78,34 @@ impl Stereo {
     }
 }
 
-/// A pinhole camera that looks along x of its mount; columns run to the right, rows down.
-///
-/// A pixel that sees nothing in range, is lost, or lies in the shadow of stereo, reads as `farthest`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Camera {
-    /// Columns and rows.
-    pub size: [usize; 2],
-    /// From the left to the right edge, rad.
-    pub field_of_view: f64,
-    /// What of every pixel.
-    pub show: Show,
-    /// Least planar depth, m: what is nearer hides what is behind it.
-    pub nearest: f64,
-    /// Largest planar depth, m.
-    pub farthest: f64,
-    /// How depth is told.
-    pub form: Form,
-    /// Pixels of an edge of the squares of which the nearest depth is told: 4 makes 16 × 12 numbers of 64 × 48 pixels.
-    pub pool: usize,
-    /// How depth is measured; exactly without.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub stereo: Option<Stereo>,
-    /// Share of pixels that are lost, each on its own.
-    pub dropout: f64,
-    /// Whether things throw shadows on a coloured picture, at a ray per pixel.
-    pub shadows: bool,
-}
-
-impl Default for Camera {
-    fn default() -> Self {
-        Self {
-            size: [64, 48],
-            field_of_view: 1.5,
-            show: Show::Depth,
-            nearest: 0.0,
-            farthest: 10.0,
-            form: Form::Distance,
-            pool: 1,
-            stereo: None,
-            dropout: 0.0,
-            shadows: false,
-        }
+with_defaults! {
+    /// A pinhole camera that looks along x of its mount; columns run to the right, rows down.
+    ///
+    /// A pixel that sees nothing in range, is lost, or lies in the shadow of stereo, reads as `farthest`.
+    #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+    #[serde(default, deny_unknown_fields)]
+    pub struct Camera {
+        /// Columns and rows.
+        pub size: [usize; 2] = [64, 48],
+        /// From the left to the right edge, rad.
+        pub field_of_view: f64 = 1.5,
+        /// What of every pixel.
+        pub show: Show = Show::Depth,
+        /// Least planar depth, m: what is nearer hides what is behind it.
+        pub nearest: f64 = 0.0,
+        /// Largest planar depth, m.
+        pub farthest: f64 = 10.0,
+        /// How depth is told.
+        pub form: Form = Form::Distance,
+        /// Pixels of an edge of the squares of which the nearest depth is told: 4 makes 16 × 12 numbers of 64 × 48 pixels.
+        pub pool: usize = 1,
+        /// How depth is measured; exactly without.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub stereo: Option<Stereo> = None,
+        /// Share of pixels that are lost, each on its own.
+        pub dropout: f64 = 0.0,
+        /// Whether things throw shadows on a coloured picture, at a ray per pixel.
+        pub shadows: bool = false,
     }
 }
 

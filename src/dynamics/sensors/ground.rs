@@ -10,6 +10,7 @@ use super::limits::{MAX_DISTANCE, within};
 use super::mount::Motion;
 use super::sight::{Readings, Sight};
 use super::slope::Met;
+use crate::defaults::with_defaults;
 use crate::dynamics::shape::{MAX_SIZE, Pose};
 use crate::dynamics::spatial::{Vec3, rotate_back, up_axis};
 use crate::error::{Error, Result};
@@ -52,30 +53,26 @@ impl Growth {
     }
 }
 
-/// Distance to the ground along −z of the mount, of a cone the nearest: h/cos(max(θ − α, 0)), θ the angle between the axis and
-/// the vertical, α half of `cone`. What else stands in the cone is met by seven rays of it, by one where it has no angle; so is ground that is uneven. Out of range, by itself or by its noise, it reads
-/// `farthest`, and `valid` is 0.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Range {
-    /// Height of the ground, m, world.
-    pub ground: f64,
-    /// Full angle of the cone that it sees, rad; 0 for a ray.
-    pub cone: f64,
-    /// Least distance that it measures, m.
-    pub nearest: f64,
-    /// Largest distance that it measures, m.
-    pub farthest: f64,
-    /// How the white noise of `error` grows; without it, not at all.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub growth: Option<Growth>,
-    /// u is m.
-    pub error: ErrorModel,
-}
-
-impl Default for Range {
-    fn default() -> Self {
-        Self { ground: 0.0, cone: 0.0, nearest: 0.0, farthest: 40.0, growth: None, error: ErrorModel::default() }
+with_defaults! {
+    /// Distance to the ground along −z of the mount, of a cone the nearest: h/cos(max(θ − α, 0)), θ the angle between the axis and
+    /// the vertical, α half of `cone`. What else stands in the cone is met by seven rays of it, by one where it has no angle; so is ground that is uneven. Out of range, by itself or by its noise, it reads
+    /// `farthest`, and `valid` is 0.
+    #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+    #[serde(default, deny_unknown_fields)]
+    pub struct Range {
+        /// Height of the ground, m, world.
+        pub ground: f64 = 0.0,
+        /// Full angle of the cone that it sees, rad; 0 for a ray.
+        pub cone: f64 = 0.0,
+        /// Least distance that it measures, m.
+        pub nearest: f64 = 0.0,
+        /// Largest distance that it measures, m.
+        pub farthest: f64 = 40.0,
+        /// How the white noise of `error` grows; without it, not at all.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub growth: Option<Growth> = None,
+        /// u is m.
+        pub error: ErrorModel = ErrorModel::default(),
     }
 }
 

@@ -5,25 +5,22 @@ use super::device::{Device, KindSettings};
 use super::limits::within;
 use super::mount::Motion;
 use super::sight::Sight;
+use crate::defaults::with_defaults;
 use crate::dynamics::plant::Plant;
 use crate::error::{Error, Result};
 use crate::rng::Stream;
 use serde::{Deserialize, Serialize};
 
-/// Net force of all contacts on its body at the end of the step, N, mount axes; `touching` is 1 where it exceeds `threshold`, by
-/// itself, before errors.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Contact {
-    /// N.
-    pub threshold: f64,
-    /// u is N.
-    pub error: ErrorModel,
-}
-
-impl Default for Contact {
-    fn default() -> Self {
-        Self { threshold: 0.01, error: ErrorModel::default() }
+with_defaults! {
+    /// Net force of all contacts on its body at the end of the step, N, mount axes; `touching` is 1 where it exceeds `threshold`, by
+    /// itself, before errors.
+    #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+    #[serde(default, deny_unknown_fields)]
+    pub struct Contact {
+        /// N.
+        pub threshold: f64 = 0.01,
+        /// u is N.
+        pub error: ErrorModel = ErrorModel::default(),
     }
 }
 

@@ -4,30 +4,27 @@
 //! exact; on malformed text they are exact up to the place where the first real parser stops.
 
 use super::fault::fault;
+use crate::defaults::with_defaults;
 use crate::error::{Error, Result};
 use crate::file_gate;
 use std::path::Path;
 
-/// Largest sizes of a URDF or rotor file that an import accepts.
-#[derive(Debug, Clone, PartialEq)]
-pub struct InputLimits {
-    /// Bytes of one file; default 16 MiB.
-    pub file_bytes: usize,
-    /// Nesting depth of XML elements; default 64, at most 256 (deeper text would overflow a small thread's stack).
-    pub depth: usize,
-    /// XML elements; default 100 000.
-    pub elements: usize,
-    /// Attributes of one element; default 256 (XML parsers compare them pairwise).
-    pub attributes: usize,
-    /// Bytes of one name; default 256.
-    pub name_bytes: usize,
-    /// Links; default 512.
-    pub bodies: usize,
-}
-
-impl Default for InputLimits {
-    fn default() -> Self {
-        Self { file_bytes: 16 << 20, depth: 64, elements: 100_000, attributes: 256, name_bytes: 256, bodies: 512 }
+with_defaults! {
+    /// Largest sizes of a URDF or rotor file that an import accepts.
+    #[derive(Debug, Clone, PartialEq)]
+    pub struct InputLimits {
+        /// Bytes of one file; default 16 MiB.
+        pub file_bytes: usize = 16 << 20,
+        /// Nesting depth of XML elements; default 64, at most 256 (deeper text would overflow a small thread's stack).
+        pub depth: usize = 64,
+        /// XML elements; default 100 000.
+        pub elements: usize = 100_000,
+        /// Attributes of one element; default 256 (XML parsers compare them pairwise).
+        pub attributes: usize = 256,
+        /// Bytes of one name; default 256.
+        pub name_bytes: usize = 256,
+        /// Links; default 512.
+        pub bodies: usize = 512,
     }
 }
 

@@ -3,6 +3,7 @@
 use super::damaged;
 use super::disk::{Entry, hex};
 use crate::autodiff::lanes::instruction_set;
+use crate::defaults::with_defaults;
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -11,61 +12,43 @@ use std::path::Path;
 /// Number of the format on disk. Raised with every change but new names.
 pub const FORMAT: u32 = 1;
 
-/// What a checkpoint is of. Fill in what is yours and take the rest from [`Manifest::default`].
-///
-/// Times and the figures in `extra` are for readers: JSON may round the last bit of a fraction. What has to come back
-/// to the bit belongs in a tensor.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Manifest {
-    /// [`FORMAT`]; set when saving.
-    pub format: u32,
-    /// Version of this crate; set when saving.
-    pub version: String,
-    /// Instructions that the processor computed with ([`instruction_set`]); set when saving. Others round sums
-    /// elsewhere.
-    pub instructions: String,
-    /// Name of the algorithm.
-    pub algorithm: String,
-    /// Name of the task.
-    pub task: String,
-    /// [`Spec::hash`](crate::tasks::Spec::hash) of the environments: a policy fits others of equal hash. Sixteen
-    /// hexadecimal digits in the file.
-    #[serde(with = "sixteen_digits")]
-    pub spec_hash: u64,
-    /// The run's whole configuration, TOML.
-    pub config: String,
-    /// Seed of the run.
-    pub seed: u64,
-    /// Updates of the policy done; names the checkpoint's folder.
-    pub update: u64,
-    /// Steps of all environments done.
-    pub env_steps: u64,
-    /// Time spent training, s.
-    pub seconds: f64,
-    /// Anything else worth reading, as figures of an evaluation.
-    pub extra: serde_json::Map<String, serde_json::Value>,
-    /// Sizes and hashes of the files; set when saving.
-    pub files: Files,
-}
-
-impl Default for Manifest {
-    fn default() -> Self {
-        Self {
-            format: FORMAT,
-            version: env!("CARGO_PKG_VERSION").into(),
-            instructions: instruction_set().into(),
-            algorithm: String::new(),
-            task: String::new(),
-            spec_hash: 0,
-            config: String::new(),
-            seed: 0,
-            update: 0,
-            env_steps: 0,
-            seconds: 0.0,
-            extra: serde_json::Map::new(),
-            files: Files::default(),
-        }
+with_defaults! {
+    /// What a checkpoint is of. Fill in what is yours and take the rest from [`Manifest::default`].
+    ///
+    /// Times and the figures in `extra` are for readers: JSON may round the last bit of a fraction. What has to come back
+    /// to the bit belongs in a tensor.
+    #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    pub struct Manifest {
+        /// [`FORMAT`]; set when saving.
+        pub format: u32 = FORMAT,
+        /// Version of this crate; set when saving.
+        pub version: String = env!("CARGO_PKG_VERSION").into(),
+        /// Instructions that the processor computed with ([`instruction_set`]); set when saving. Others round sums
+        /// elsewhere.
+        pub instructions: String = instruction_set().into(),
+        /// Name of the algorithm.
+        pub algorithm: String = String::new(),
+        /// Name of the task.
+        pub task: String = String::new(),
+        /// [`Spec::hash`](crate::tasks::Spec::hash) of the environments: a policy fits others of equal hash. Sixteen
+        /// hexadecimal digits in the file.
+        #[serde(with = "sixteen_digits")]
+        pub spec_hash: u64 = 0,
+        /// The run's whole configuration, TOML.
+        pub config: String = String::new(),
+        /// Seed of the run.
+        pub seed: u64 = 0,
+        /// Updates of the policy done; names the checkpoint's folder.
+        pub update: u64 = 0,
+        /// Steps of all environments done.
+        pub env_steps: u64 = 0,
+        /// Time spent training, s.
+        pub seconds: f64 = 0.0,
+        /// Anything else worth reading, as figures of an evaluation.
+        pub extra: serde_json::Map<String, serde_json::Value> = serde_json::Map::new(),
+        /// Sizes and hashes of the files; set when saving.
+        pub files: Files = Files::default(),
     }
 }
 

@@ -2,25 +2,22 @@
 
 use super::product::PAD;
 use crate::autodiff::lanes::{Kernel, Lanes, dispatch};
+use crate::defaults::with_defaults;
 use serde::{Deserialize, Serialize};
 
-/// Numbers of the method; see [`Adam`].
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct AdamConfig {
-    /// β₁, of the mean.
-    pub beta1: f64,
-    /// β₂, of the mean square.
-    pub beta2: f64,
-    /// ε, under the root's result.
-    pub epsilon: f64,
-    /// λ, decay of weights per step and learning rate.
-    pub weight_decay: f64,
-}
-
-impl Default for AdamConfig {
-    fn default() -> Self {
-        Self { beta1: 0.9, beta2: 0.999, epsilon: 1e-8, weight_decay: 0.0 }
+with_defaults! {
+    /// Numbers of the method; see [`Adam`].
+    #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct AdamConfig {
+        /// β₁, of the mean.
+        pub beta1: f64 = 0.9,
+        /// β₂, of the mean square.
+        pub beta2: f64 = 0.999,
+        /// ε, under the root's result.
+        pub epsilon: f64 = 1e-8,
+        /// λ, decay of weights per step and learning rate.
+        pub weight_decay: f64 = 0.0,
     }
 }
 

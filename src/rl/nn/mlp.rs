@@ -13,46 +13,35 @@ use super::layer_norm;
 use super::network::{Level, Memory, Network, Output, Part, Pass, Scratch, Slot, Transposed, Weights};
 use super::product::{Begin, Left, PAD, padded, product};
 use super::stack::Join;
+use crate::defaults::with_defaults;
 use crate::error::{Error, Result};
 use crate::rng::Stream;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::SQRT_2;
 use std::ops::Range;
 
-/// What a network is made of.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Layers {
-    /// Units of the hidden layers.
-    pub hidden: Vec<usize>,
-    /// Of the hidden layers.
-    pub activation: Activation,
-    /// Whether hidden layers are normalised before their activation (Ba, Kiros and Hinton 2016).
-    pub layer_norm: bool,
-    /// First weights.
-    pub init: Init,
-    /// Networks that read groups of the observation before the hidden layers see them; of policies alone.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub encoder: Vec<Encoder>,
-    /// What becomes of the outputs of several encoders: `concat` or `sum`.
-    #[serde(skip_serializing_if = "Join::is_concat")]
-    pub join: Join,
-    /// What is remembered from step to step, before the hidden layers; of policies alone, where the algorithm learns it.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub memory: Option<Recurrence>,
-}
-
-impl Default for Layers {
-    fn default() -> Self {
-        Self {
-            hidden: vec![64, 64],
-            activation: Activation::Tanh,
-            layer_norm: false,
-            init: Init::default(),
-            encoder: Vec::new(),
-            join: Join::Concat,
-            memory: None,
-        }
+with_defaults! {
+    /// What a network is made of.
+    #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct Layers {
+        /// Units of the hidden layers.
+        pub hidden: Vec<usize> = vec![64, 64],
+        /// Of the hidden layers.
+        pub activation: Activation = Activation::Tanh,
+        /// Whether hidden layers are normalised before their activation (Ba, Kiros and Hinton 2016).
+        pub layer_norm: bool = false,
+        /// First weights.
+        pub init: Init = Init::default(),
+        /// Networks that read groups of the observation before the hidden layers see them; of policies alone.
+        #[serde(skip_serializing_if = "Vec::is_empty")]
+        pub encoder: Vec<Encoder> = Vec::new(),
+        /// What becomes of the outputs of several encoders: `concat` or `sum`.
+        #[serde(skip_serializing_if = "Join::is_concat")]
+        pub join: Join = Join::Concat,
+        /// What is remembered from step to step, before the hidden layers; of policies alone, where the algorithm learns it.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub memory: Option<Recurrence> = None,
     }
 }
 

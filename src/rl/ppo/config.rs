@@ -1,5 +1,6 @@
 //! Settings of PPO.
 
+use crate::defaults::with_defaults;
 use crate::error::{Error, Result};
 use crate::rl::checks::{check_counts, check_positive};
 use crate::rl::nn::head::{LOG_STD_MAX, LOG_STD_MIN};
@@ -26,93 +27,63 @@ pub enum Team {
     Sequential,
 }
 
-/// Settings; defaults fly the Hummingbird's Hover from random weights.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct PpoConfig {
-    /// Environments, E.
-    pub n_env: usize,
-    /// Environments of a shard: one thread steps it for a whole rollout.
-    pub shard: usize,
-    /// T, steps of a rollout.
-    pub steps: usize,
-    /// Updates of a run.
-    pub updates: u64,
-    /// Passes over a rollout.
-    pub epochs: usize,
-    /// Minibatches of a pass.
-    pub minibatches: usize,
-    /// Learning rate of the actor over the run.
-    pub learning_rate: Schedule,
-    /// Learning rate of the critic over the run.
-    pub critic_learning_rate: Schedule,
-    /// KL divergence that the actor's rate follows, over the run; in files 0 for none.
-    #[serde(with = "none_is_zero")]
-    pub target_kl: Option<Schedule>,
-    /// Mean KL divergence of a pass behind which no other follows; in files 0 for none.
-    #[serde(with = "none_is_zero")]
-    pub stop_kl: Option<f64>,
-    /// γ.
-    pub discount: f64,
-    /// λ of advantages and of the critic's targets, over the run.
-    pub lambda: Schedule,
-    /// ε.
-    pub clip_epsilon: f64,
-    /// β, over the run.
-    pub entropy: Schedule,
-    /// Largest norm of the gradients of actor and critic.
-    pub max_grad_norm: f64,
-    /// Errors of the critic beyond it count linearly, in standard deviations of the targets.
-    pub huber: f64,
-    /// What an update leaves of the statistics of the targets.
-    pub value_beta: f64,
-    /// First log standard deviation of continuous actions.
-    pub log_std: f64,
-    /// Whether observations are normalised by their running mean and deviation, frozen during a rollout.
-    pub normalise_observation: bool,
-    /// Whose policy agents of a team fly, and how they learn it: `shared`, `separate` or `sequential`.
-    pub team: Team,
-    /// Whether the critic sees the central state where there is one.
-    pub central_critic: bool,
-    /// Whether the critic sees the numbers that differ between environments, where there are any: it is not flown.
-    pub privileged_critic: bool,
-    /// The optimiser of both.
-    pub adam: AdamConfig,
-    /// The policy.
-    pub network: Layers,
-    /// The critic.
-    pub critic: Layers,
-}
-
-impl Default for PpoConfig {
-    fn default() -> Self {
-        Self {
-            n_env: 512,
-            shard: 256,
-            steps: 64,
-            updates: 220,
-            epochs: 4,
-            minibatches: 16,
-            learning_rate: Schedule::cosine(1e-3, 1e-5),
-            critic_learning_rate: Schedule::cosine(2e-3, 1e-4),
-            target_kl: None,
-            stop_kl: None,
-            discount: 0.985,
-            lambda: Schedule::constant(0.98),
-            clip_epsilon: 0.2,
-            entropy: Schedule::cosine(5e-3, 1e-3),
-            max_grad_norm: 1.0,
-            huber: 10.0,
-            value_beta: 0.995,
-            log_std: -0.5,
-            normalise_observation: true,
-            team: Team::Shared,
-            central_critic: true,
-            privileged_critic: true,
-            adam: AdamConfig { epsilon: 1e-5, ..AdamConfig::default() },
-            network: Layers::elu(0.01),
-            critic: Layers::elu(1.0),
-        }
+with_defaults! {
+    /// Settings; defaults fly the Hummingbird's Hover from random weights.
+    #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct PpoConfig {
+        /// Environments, E.
+        pub n_env: usize = 512,
+        /// Environments of a shard: one thread steps it for a whole rollout.
+        pub shard: usize = 256,
+        /// T, steps of a rollout.
+        pub steps: usize = 64,
+        /// Updates of a run.
+        pub updates: u64 = 220,
+        /// Passes over a rollout.
+        pub epochs: usize = 4,
+        /// Minibatches of a pass.
+        pub minibatches: usize = 16,
+        /// Learning rate of the actor over the run.
+        pub learning_rate: Schedule = Schedule::cosine(1e-3, 1e-5),
+        /// Learning rate of the critic over the run.
+        pub critic_learning_rate: Schedule = Schedule::cosine(2e-3, 1e-4),
+        /// KL divergence that the actor's rate follows, over the run; in files 0 for none.
+        #[serde(with = "none_is_zero")]
+        pub target_kl: Option<Schedule> = None,
+        /// Mean KL divergence of a pass behind which no other follows; in files 0 for none.
+        #[serde(with = "none_is_zero")]
+        pub stop_kl: Option<f64> = None,
+        /// γ.
+        pub discount: f64 = 0.985,
+        /// λ of advantages and of the critic's targets, over the run.
+        pub lambda: Schedule = Schedule::constant(0.98),
+        /// ε.
+        pub clip_epsilon: f64 = 0.2,
+        /// β, over the run.
+        pub entropy: Schedule = Schedule::cosine(5e-3, 1e-3),
+        /// Largest norm of the gradients of actor and critic.
+        pub max_grad_norm: f64 = 1.0,
+        /// Errors of the critic beyond it count linearly, in standard deviations of the targets.
+        pub huber: f64 = 10.0,
+        /// What an update leaves of the statistics of the targets.
+        pub value_beta: f64 = 0.995,
+        /// First log standard deviation of continuous actions.
+        pub log_std: f64 = -0.5,
+        /// Whether observations are normalised by their running mean and deviation, frozen during a rollout.
+        pub normalise_observation: bool = true,
+        /// Whose policy agents of a team fly, and how they learn it: `shared`, `separate` or `sequential`.
+        pub team: Team = Team::Shared,
+        /// Whether the critic sees the central state where there is one.
+        pub central_critic: bool = true,
+        /// Whether the critic sees the numbers that differ between environments, where there are any: it is not flown.
+        pub privileged_critic: bool = true,
+        /// The optimiser of both.
+        pub adam: AdamConfig = AdamConfig { epsilon: 1e-5, ..AdamConfig::default() },
+        /// The policy.
+        pub network: Layers = Layers::elu(0.01),
+        /// The critic.
+        pub critic: Layers = Layers::elu(1.0),
     }
 }
 

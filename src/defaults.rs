@@ -1,0 +1,24 @@
+//! Settings with their defaults beside them.
+
+/// A struct whose every field stands with its default: `name: type = default,`.
+macro_rules! with_defaults {
+    (
+        $(#[$meta:meta])*
+        $vis:vis struct $name:ident {
+            $($(#[$of_field:meta])* $field_vis:vis $field:ident: $type:ty = $default:expr,)+
+        }
+    ) => {
+        $(#[$meta])*
+        $vis struct $name {
+            $($(#[$of_field])* $field_vis $field: $type,)+
+        }
+
+        impl Default for $name {
+            fn default() -> Self {
+                Self { $($field: $default,)+ }
+            }
+        }
+    };
+}
+
+pub(crate) use with_defaults;
