@@ -13,8 +13,35 @@ use crate::dynamics::frame::FRAME;
 use crate::dynamics::scene::Scene;
 use crate::error::{Error, Result};
 
-/// [`Task`] without types of its own; see there.
-pub(crate) trait AnyTask: Send + Sync {
+/// The trait and who has it, of one list of methods.
+macro_rules! any_task {
+    ($(fn $name:ident(&$own:ident $(, $argument:ident: $kind:ty)*) $(-> $out:ty)?;)*) => {
+        /// [`Task`] without types of its own; see there.
+        pub(crate) trait AnyTask: Send + Sync {
+            $(fn $name(&$own $(, $argument: $kind)*) $(-> $out)?;)*
+            fn ends(&self, view: &View<'_, Trace>) -> Vec<End>;
+            fn loss(&self, view: &View<'_, Trace>) -> DeclaredLoss<Trace>;
+        }
+
+        impl<T: Task> AnyTask for T {
+            $(fn $name(&$own $(, $argument: $kind)*) $(-> $out)? {
+                Task::$name($own $(, $argument)*)
+            })*
+            fn ends(&self, view: &View<'_, Trace>) -> Vec<End> {
+                let mut ends = Vec::new();
+                Task::ends(self, view, &mut ends);
+                ends
+            }
+            fn loss(&self, view: &View<'_, Trace>) -> DeclaredLoss<Trace> {
+                let mut loss = DeclaredLoss { formulas: Vec::new(), sum: Sum::new() };
+                Task::loss(self, view, &mut loss);
+                loss
+            }
+        }
+    };
+}
+
+any_task! {
     fn robot(&self) -> &Robot;
     fn horizon(&self) -> usize;
     fn n_agent(&self) -> usize;
@@ -33,75 +60,6 @@ pub(crate) trait AnyTask: Send + Sync {
     fn central(&self, view: &View<'_, Trace>, out: &mut Declaration<Trace>);
     fn reward(&self, view: &View<'_, Trace>, out: &mut Declaration<Trace>);
     fn metrics(&self, view: &View<'_, Trace>, out: &mut Declaration<Trace>);
-    fn ends(&self, view: &View<'_, Trace>) -> Vec<End>;
-    fn loss(&self, view: &View<'_, Trace>) -> DeclaredLoss<Trace>;
-}
-
-impl<T: Task> AnyTask for T {
-    fn robot(&self) -> &Robot {
-        Task::robot(self)
-    }
-    fn horizon(&self) -> usize {
-        Task::horizon(self)
-    }
-    fn n_agent(&self) -> usize {
-        Task::n_agent(self)
-    }
-    fn settings(&self) -> Vec<Setting> {
-        Task::settings(self)
-    }
-    fn about(&self) -> &'static str {
-        Task::about(self)
-    }
-    fn success_rule(&self) -> Success {
-        Task::success_rule(self)
-    }
-    fn scene(&self) -> Scene {
-        Task::scene(self)
-    }
-    fn place_scene(&self, goal: &[f64], placement: &mut [f64]) {
-        Task::place_scene(self, goal, placement);
-    }
-    fn start(&self, start: &mut Start<'_>) {
-        Task::start(self, start);
-    }
-    fn event(&self, start: &mut Start<'_>) {
-        Task::event(self, start);
-    }
-    fn ideal(&self, start: &mut Start<'_>) {
-        Task::ideal(self, start);
-    }
-    fn reference(&self, view: &View<'_, f64>) -> Option<TaskReference> {
-        Task::reference(self, view)
-    }
-    fn disturb(&self, view: &View<'_, Trace>, tree: usize) -> [Trace; 9] {
-        Task::disturb(self, view, tree)
-    }
-    fn remember(&self, view: &View<'_, Trace>, out: &mut Declaration<Trace>) {
-        Task::remember(self, view, out);
-    }
-    fn observe(&self, view: &View<'_, Trace>, agent: usize, out: &mut Declaration<Trace>) {
-        Task::observe(self, view, agent, out);
-    }
-    fn central(&self, view: &View<'_, Trace>, out: &mut Declaration<Trace>) {
-        Task::central(self, view, out);
-    }
-    fn reward(&self, view: &View<'_, Trace>, out: &mut Declaration<Trace>) {
-        Task::reward(self, view, out);
-    }
-    fn metrics(&self, view: &View<'_, Trace>, out: &mut Declaration<Trace>) {
-        Task::metrics(self, view, out);
-    }
-    fn ends(&self, view: &View<'_, Trace>) -> Vec<End> {
-        let mut ends = Vec::new();
-        Task::ends(self, view, &mut ends);
-        ends
-    }
-    fn loss(&self, view: &View<'_, Trace>) -> DeclaredLoss<Trace> {
-        let mut loss = DeclaredLoss { formulas: Vec::new(), sum: Sum::new() };
-        Task::loss(self, view, &mut loss);
-        loss
-    }
 }
 
 /// The numbers of a view of one environment.
