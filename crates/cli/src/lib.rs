@@ -3,19 +3,20 @@
 //! | file | idea |
 //! |---|---|
 //! | `fly.rs`, `allocate.rs`, `show.rs`, `models.rs`, `import.rs`, `design.rs`, `linearise.rs`, `recover.rs`, `tune.rs`, `tasks.rs`, `rollout.rs`, `train.rs`, `train_all.rs`, `study.rs`, `eval.rs`, `watch.rs`, `report.rs`, `replay.rs`, `view.rs`, `bench.rs` | one command each |
-//! | `arguments.rs` | arguments that commands share, and how they are read |
+//! | `arguments.rs` | arguments that commands share, how they are read, and the folder that they write into |
+//! | `prelude.rs` | what every command speaks of |
 //! | `environment.rs` | which environments: shared by `tasks`, `rollout`, `eval`, `watch` and `bench` |
 //! | `episodes.rs` | episodes that were flown, by whomever: what is asked for, seen and told of them |
 //! | `shown.rs` | whose episodes are shown: a run's policy's or a task's controller's |
 //! | `baseline.rs` | our controller from the starts of a run, and figures beside each other |
 //! | `rollout_all.rs` | `rollout --all`: every task, one line each |
-//! | `rollout_files.rs` | plots and CSV of `rollout` |
+//! | `rollout_files.rs` | plots and CSV of episodes |
 //! | `train_plot.rs`, `train_all_plot.rs` | the learning curves of `train` and `train-all` |
 //! | `fly/` | derivatives of what was flown; an earlier flight beside it; drops; verdicts; yaw meant in degrees |
 //! | `design/` | the figures of `design`, its report |
 //! | `report/` | `report` of single runs, and of folders of several |
 //! | `rows.rs` | rows of tables of runs, kept in files: what `train-all` and `study` train |
-//! | `study/` | what a study compares; its report and curves |
+//! | `study/` | the curves of a study; what it compares is in `omnidrones-studies` |
 //! | `source.rs` | a vehicle from a name, a TOML or a URDF |
 //! | `robot.rs` | an articulated system from a name or a vehicle |
 //! | `sheet.rs` | a vehicle's numbers as tables and JSON |
