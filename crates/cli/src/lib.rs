@@ -18,10 +18,11 @@
 //! | `rows.rs` | rows of tables of runs, kept in files: what `train-all` and `study` train |
 //! | `study/` | the curves of a study; what it compares is in `omnidrones-studies` |
 //! | `source.rs` | a vehicle from a name, a TOML or a URDF |
-//! | `robot.rs` | an articulated system from a name or a vehicle |
+//! | `robot.rs` | what flies: a vehicle, a configuration, or a vehicle as one body |
 //! | `sheet.rs` | a vehicle's numbers as tables and JSON |
 //! | `failure.rs` | rotors that fail: arguments, what is left |
 //! | `files.rs` | reading and writing behind fences |
+//! | `words.rs` | numbers and names in words |
 //! | `page.rs`, `table.rs` | what a command tells: headings, facts, tables, drawings; as text |
 //! | `html.rs` | the same for a browser, and as Markdown |
 //! | `progress.rs` | bars while work goes on |
@@ -80,6 +81,7 @@ mod tune;
 mod tune_grid;
 mod view;
 mod watch;
+mod words;
 
 use self::page::Page;
 use clap::error::{ContextKind, ContextValue};
@@ -334,7 +336,7 @@ fn asked_for_json() -> bool {
 }
 
 fn fail(message: &str) -> ExitCode {
-    let message = page::shown(message);
+    let message = words::shown(message);
     let _ = writeln!(std::io::stderr(), "error: {message}");
     if asked_for_json() {
         let _ = writeln!(std::io::stdout(), "{:#}", json!({ "format": 1, "error": message }));
