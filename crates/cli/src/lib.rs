@@ -6,11 +6,11 @@
 //! | `arguments.rs` | arguments that commands share, how they are read, and the folder that they write into |
 //! | `prelude.rs` | what every command speaks of |
 //! | `environment.rs` | which environments: shared by `tasks`, `rollout`, `eval`, `watch` and `bench` |
-//! | `episodes.rs` | episodes that were flown, by whomever: what is asked for, seen and told of them |
+//! | `episodes.rs` | episodes that were flown, by whomever: what is seen and told of them |
 //! | `shown.rs` | whose episodes are shown: a run's policy's or a task's controller's |
 //! | `baseline.rs` | our controller from the starts of a run, and figures beside each other |
 //! | `rollout_all.rs` | `rollout --all`: every task, one line each |
-//! | `rollout_files.rs` | plots and CSV of episodes |
+//! | `rollout_files.rs` | which episodes are asked for; their plots and files |
 //! | `train_plot.rs`, `train_all_plot.rs` | the learning curves of `train` and `train-all` |
 //! | `fly/` | derivatives of what was flown; an earlier flight beside it; drops; verdicts; yaw meant in degrees |
 //! | `design/` | the figures of `design`, its report |

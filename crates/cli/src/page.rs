@@ -1,4 +1,4 @@
-//! What a command tells: headings, facts, tables, notes, drawings; written as text here, by [`html`](super::html) for a browser.
+//! What a command tells: headings, facts, tables, notes, drawings; written as text here, by `html.rs` for a browser.
 
 use super::table::Table;
 use super::words::shown;
