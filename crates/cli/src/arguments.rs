@@ -1,13 +1,10 @@
 //! Arguments that commands share.
 
-use super::robot;
-use super::source::{self, Source};
 use crate::prelude::*;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Arg, Args, ValueEnum};
 use omnidrones::controllers::{FlightPlan, Rates, Reference};
 use omnidrones::dynamics::aero::wind::{Dryden, Wind};
-use omnidrones::dynamics::tree::Model;
 use omnidrones::dynamics::{Effects, Gains, Integrator, Physics, Vehicle};
 use omnidrones::parallel::Threads;
 use omnidrones::rl::algorithm;
@@ -27,52 +24,6 @@ pub struct VehicleArguments {
     /// Meshes are never opened and nobody needs them to fly; this silences the warning about them.
     #[arg(long, value_name = "NAME=DIR", value_parser = package, help_heading = "Vehicle")]
     pub package: Vec<(String, PathBuf)>,
-}
-
-/// What is named, and how it flies.
-#[derive(Debug, Clone, Args)]
-pub struct FlyerArguments {
-    /// A built-in vehicle ('omnidrones models' lists them), or a file FILE.toml or FILE.urdf
-    #[arg(value_name = "VEHICLE|FILE")]
-    pub vehicle: String,
-    #[command(flatten)]
-    pub rotors: VehicleArguments,
-    #[command(flatten)]
-    pub flight: FlightArguments,
-}
-
-/// The option `vehicle` of a command that takes configurations too.
-pub fn any_flyer(option: Arg) -> Arg {
-    let what = "A vehicle ('omnidrones models'), a configuration ('omnidrones show'), or a file FILE.toml or FILE.urdf";
-    option.value_name("VEHICLE|CONFIG|FILE").help(what)
-}
-
-impl FlyerArguments {
-    /// The vehicle, with what is odd about it told.
-    pub fn source(&self) -> Result<Source> {
-        source::to_use(Some(&self.vehicle), &self.rotors)
-    }
-
-    /// The configuration of that name, if there is one; else a vehicle, or an error that names the nearest of both.
-    pub fn flyer(&self) -> Result<Flyer> {
-        if robot::configuration(&self.vehicle).is_some() {
-            return Ok(Flyer::Configuration(Box::new(robot::load(&self.vehicle, &self.rotors)?.model)));
-        }
-        robot::known(&self.vehicle)?;
-        Ok(Flyer::Vehicle(Box::new(self.source()?)))
-    }
-
-    /// Refuses a reference for a command that flies none.
-    pub fn refuse_reference(&self, command: &str, remedy: &str) -> Result<()> {
-        let Some(given) = &self.flight.reference else { return Ok(()) };
-        Err(Error::value("--reference", given, format!("none in '{command}'"), remedy))
-    }
-}
-
-/// What [`FlyerArguments`] name.
-pub enum Flyer {
-    Vehicle(Box<Source>),
-    Configuration(Box<Model>),
 }
 
 /// What is flown, how finely, in what air.

@@ -5,8 +5,9 @@ mod report;
 
 use self::figures::Loops;
 use self::report::Subject;
-use super::arguments::{FlyerArguments, PlotArguments, WRITTEN};
+use super::arguments::{PlotArguments, WRITTEN};
 use super::plant_box::{self, PlantArguments};
+use super::robot::FlyerArguments;
 use super::source::Source;
 use crate::prelude::*;
 use nalgebra::Complex;

@@ -1,64 +1,23 @@
-//! Episodes that were flown, by whomever: which are asked for, what is seen of them on the way, and what is told of them.
+//! Episodes that were flown, by whomever: what is seen of them on the way, and what is told of them.
 
-use super::arguments::{OutputArguments, ThreadArguments};
-use super::environment::EnvArguments;
 use super::page::plain_facts;
-use super::rollout_files::{self as out, LINES};
 use super::tasks;
 use super::trajectories::Trajectories;
 use crate::prelude::*;
 use omnidrones::rl::planner::PlannerConfig;
 use omnidrones::rl::refine::Refined;
 use omnidrones::tasks::{Act, Buffers, Env, Evaluation, Record, Spec, Spread, Watched, evaluate};
-use omnidrones_viewer::{Episodes, Recording, page};
+use omnidrones_viewer::{Episodes, Recording};
 use std::cell::RefCell;
 use std::time::Instant;
 
 /// Longest episode: each step is kept.
 const MAX_STEPS: usize = 100_000;
 
+/// Single environments drawn behind the spread.
+const LINES: usize = 16;
 /// Episodes that other commands show.
 pub const SHOWN: usize = 4;
-
-/// Which episodes are flown, and where they are told.
-#[derive(Debug, clap::Args)]
-pub struct EpisodeArguments {
-    /// Environments, one episode each
-    #[arg(long, value_name = "N")]
-    pub envs: Option<usize>,
-    #[command(flatten)]
-    pub threads: ThreadArguments,
-    #[command(flatten)]
-    pub environment: EnvArguments,
-    #[command(flatten)]
-    pub output: OutputArguments,
-    /// Write every step and every episode as CSV, and the first episodes step by step
-    #[arg(long, help_heading = "Output")]
-    pub csv: bool,
-    /// Write the first episodes step by step for NumPy: states, observations, actions, rewards
-    #[arg(long, help_heading = "Output")]
-    pub npz: bool,
-    /// Write the first episodes for Foxglove and rerun
-    #[cfg(feature = "mcap")]
-    #[arg(long, help_heading = "Output")]
-    pub mcap: bool,
-    /// How many episodes --csv, --npz and --mcap keep step by step
-    #[arg(long, value_name = "N", default_value_t = 16, help_heading = "Output")]
-    pub trajectories: usize,
-    /// Write replay.html: the first 4 episodes in space, a page for any browser
-    #[arg(long, help_heading = "Output")]
-    pub replay: bool,
-}
-
-impl EpisodeArguments {
-    /// Whether a log for Foxglove and rerun is wanted.
-    fn mcap(&self) -> bool {
-        #[cfg(feature = "mcap")]
-        return self.mcap;
-        #[cfg(not(feature = "mcap"))]
-        return false;
-    }
-}
 
 /// What a success is, for the help of commands that tell its share.
 pub const SUCCESS: &str = "\
@@ -294,59 +253,6 @@ impl Flown {
             "config": spec.config,
             "files": files::names(written),
         })
-    }
-}
-
-/// How a command tells of the episodes that it flies.
-pub struct Told<'a> {
-    /// Its name, that of its figure too.
-    pub command: &'static str,
-    /// Who flies, in JSON.
-    pub by: &'a str,
-    /// The folder unless another one was named.
-    pub usual: PathBuf,
-}
-
-impl Told<'_> {
-    /// Flies behind a bar of `horizon` steps, draws and writes what the options want, and tells.
-    pub fn of(
-        self,
-        arguments: &EpisodeArguments,
-        horizon: usize,
-        fly: impl FnOnce(usize, &mut dyn FnMut(&Watched<'_>)) -> Result<Flown>,
-    ) -> Result<Report> {
-        let EpisodeArguments { output, csv, npz, replay, .. } = arguments;
-        let logs = *csv || *npz || arguments.mcap();
-        let mut outputs = output.open(self.usual, logs || *replay)?;
-        let bar = progress::bar(horizon as u64, "flying", output.json);
-        let kept = if logs { arguments.trajectories } else { 0 };
-        let mut seen = Seen::new(if *replay { SHOWN } else { 0 });
-        let mut logged = Seen::new(if arguments.mcap() { kept } else { 0 });
-        let flown = fly(kept, &mut |watched| {
-            bar.set_position(watched.step as u64);
-            seen.see(watched);
-            logged.see(watched);
-        })?;
-        bar.finish_and_clear();
-        outputs.draw(self.command, || out::figure(&flown))?;
-        if *csv {
-            outputs.put("steps.csv", |path| out::write_steps(&flown.record, path))?;
-            outputs.put("episodes.csv", |path| out::write_episodes(&flown.record, path))?;
-            outputs.put("trajectories.csv", |path| flown.trajectories.write_csv(path))?;
-        }
-        if *npz {
-            outputs.put("trajectories.npz", |path| flown.trajectories.write_npz(path))?;
-        }
-        #[cfg(feature = "mcap")]
-        if arguments.mcap {
-            let recording = logged.recording(&flown)?;
-            outputs.put("trajectories.mcap", |path| flown.trajectories.write_mcap(path, &recording))?;
-        }
-        if *replay {
-            outputs.text("replay.html", page(&flown.title(), &[seen.recording(&flown)?]))?;
-        }
-        let written = outputs.written;
-        Ok(Report::told(output.json, true, || flown.json(self.command, self.by, &written), || flown.page(&written)))
     }
 }
 

@@ -2,7 +2,8 @@
 
 use super::arguments;
 use super::environment::EnvArguments;
-use super::episodes::{EpisodeArguments, Flown, SUCCESS, Told, check_horizon};
+use super::episodes::{Flown, SUCCESS, check_horizon};
+use super::rollout_files::{EpisodeArguments, Told};
 use crate::prelude::*;
 use omnidrones::parallel::Threads;
 use omnidrones::rl::policy_io::{SavedPolicy, load_policy};

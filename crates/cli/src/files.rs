@@ -57,6 +57,18 @@ pub fn read_settings(path: &Path, maker: &str) -> Result<String> {
     read_text(path, MAX_CONFIG_BYTES)
 }
 
+/// A CSV file: a header, then row by row.
+pub fn write_table(path: &Path, header: Vec<String>, rows: impl Iterator<Item = Vec<String>>) -> Result<()> {
+    let mut text = csv::Writer::from_writer(Vec::new());
+    let failed = |e: csv::Error| Error::file(path, std::io::Error::other(e));
+    text.write_record(&header).map_err(failed)?;
+    for row in rows {
+        text.write_record(&row).map_err(failed)?;
+    }
+    let bytes = text.into_inner().map_err(|e| Error::file(path, std::io::Error::other(e.to_string())))?;
+    replace(path, &bytes)
+}
+
 /// Folders of runs in `root`, and in the folders there, newest first.
 pub fn runs(root: &Path) -> Vec<PathBuf> {
     let checkpoints = |folder: &Path| std::fs::metadata(folder.join("checkpoints")).ok().filter(|m| m.is_dir());

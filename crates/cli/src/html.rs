@@ -1,8 +1,9 @@
 //! A page for a browser or a printer, one file that asks no other file for anything and has no scripts but those of pages within; and
 //! a page as Markdown.
 
-use super::page::{Block, Fact, Page, shown};
+use super::page::{Block, Fact, Page};
 use super::table::{Align, Table};
+use super::words::shown;
 use std::fmt::Write;
 
 /// Looks: dark text on white in one column, tables that stay whole on a printed page.

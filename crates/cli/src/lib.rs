@@ -3,24 +3,26 @@
 //! | file | idea |
 //! |---|---|
 //! | `fly.rs`, `allocate.rs`, `show.rs`, `models.rs`, `import.rs`, `design.rs`, `linearise.rs`, `recover.rs`, `tune.rs`, `tasks.rs`, `rollout.rs`, `train.rs`, `train_all.rs`, `study.rs`, `eval.rs`, `watch.rs`, `report.rs`, `replay.rs`, `view.rs`, `bench.rs` | one command each |
-//! | `arguments.rs` | arguments that commands share, and how they are read |
+//! | `arguments.rs` | arguments that commands share, how they are read, and the folder that they write into |
+//! | `prelude.rs` | what every command speaks of |
 //! | `environment.rs` | which environments: shared by `tasks`, `rollout`, `eval`, `watch` and `bench` |
-//! | `episodes.rs` | episodes that were flown, by whomever: what is asked for, seen and told of them |
+//! | `episodes.rs` | episodes that were flown, by whomever: what is seen and told of them |
 //! | `shown.rs` | whose episodes are shown: a run's policy's or a task's controller's |
 //! | `baseline.rs` | our controller from the starts of a run, and figures beside each other |
 //! | `rollout_all.rs` | `rollout --all`: every task, one line each |
-//! | `rollout_files.rs` | plots and CSV of `rollout` |
+//! | `rollout_files.rs` | which episodes are asked for; their plots and files |
 //! | `train_plot.rs`, `train_all_plot.rs` | the learning curves of `train` and `train-all` |
 //! | `fly/` | derivatives of what was flown; an earlier flight beside it; drops; verdicts; yaw meant in degrees |
 //! | `design/` | the figures of `design`, its report |
 //! | `report/` | `report` of single runs, and of folders of several |
 //! | `rows.rs` | rows of tables of runs, kept in files: what `train-all` and `study` train |
-//! | `study/` | what a study compares; its report and curves |
+//! | `study/` | the curves of a study; what it compares is in `omnidrones-studies` |
 //! | `source.rs` | a vehicle from a name, a TOML or a URDF |
-//! | `robot.rs` | an articulated system from a name or a vehicle |
+//! | `robot.rs` | what flies: a vehicle, a configuration, or a vehicle as one body |
 //! | `sheet.rs` | a vehicle's numbers as tables and JSON |
 //! | `failure.rs` | rotors that fail: arguments, what is left |
 //! | `files.rs` | reading and writing behind fences |
+//! | `words.rs` | numbers and names in words |
 //! | `page.rs`, `table.rs` | what a command tells: headings, facts, tables, drawings; as text |
 //! | `html.rs` | the same for a browser, and as Markdown |
 //! | `progress.rs` | bars while work goes on |
@@ -79,6 +81,7 @@ mod tune;
 mod tune_grid;
 mod view;
 mod watch;
+mod words;
 
 use self::page::Page;
 use clap::error::{ContextKind, ContextValue};
@@ -333,7 +336,7 @@ fn asked_for_json() -> bool {
 }
 
 fn fail(message: &str) -> ExitCode {
-    let message = page::shown(message);
+    let message = words::shown(message);
     let _ = writeln!(std::io::stderr(), "error: {message}");
     if asked_for_json() {
         let _ = writeln!(std::io::stdout(), "{:#}", json!({ "format": 1, "error": message }));

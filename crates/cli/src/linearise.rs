@@ -1,8 +1,9 @@
 //! `omnidrones linearise`: the exact linear model of a vehicle or a configuration about a steady flight.
 
-use super::arguments::{self, FlightArguments, Flyer, FlyerArguments};
+use super::arguments::FlightArguments;
 use super::design::{is_command, modes_table, out_of_reach, reach, tidy};
 use super::failure::named;
+use super::robot::{self, Flyer, FlyerArguments};
 use super::source;
 use crate::prelude::*;
 use omnidrones::controllers::RotorFailure;
@@ -37,7 +38,7 @@ Exit codes: 0 linearised; 2 unusable input or arguments, or no such steady fligh
 /// Arguments of `linearise`.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = EXAMPLES)]
-#[command(mut_arg("vehicle", arguments::any_flyer), mut_arg("reference", |a| a.hide(true)), mut_arg("gains", |a| a.hide(true)), mut_arg("rates", |a| a.hide(true)))]
+#[command(mut_arg("vehicle", robot::any_flyer), mut_arg("reference", |a| a.hide(true)), mut_arg("gains", |a| a.hide(true)), mut_arg("rates", |a| a.hide(true)))]
 pub struct Arguments {
     #[command(flatten)]
     flyer: FlyerArguments,

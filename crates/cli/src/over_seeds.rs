@@ -118,7 +118,6 @@ pub fn value(runs: &[Outcome], failed: &[Failure]) -> Value {
 
 #[cfg(test)]
 mod tests {
-    use super::super::page::percent;
     use super::*;
 
     #[test]

@@ -1,6 +1,7 @@
 //! `omnidrones recover`: from which attitudes and body rates a controller brings a vehicle or a configuration back.
 
-use super::arguments::{self, Flyer, FlyerArguments, PlotArguments, ThreadArguments};
+use super::arguments::{self, PlotArguments, ThreadArguments};
+use super::robot::{self, Flyer, FlyerArguments};
 use crate::prelude::*;
 use omnidrones::controllers::recovery::BACK;
 use omnidrones::controllers::registry::controller;
@@ -36,7 +37,7 @@ Exit codes: 0 flown; 1 not one start came back; 2 unusable input or arguments.";
 /// Arguments of `recover`.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = EXAMPLES)]
-#[command(mut_arg("vehicle", arguments::any_flyer), mut_arg("reference", |reference| reference.hide(true)))]
+#[command(mut_arg("vehicle", robot::any_flyer), mut_arg("reference", |reference| reference.hide(true)))]
 #[command(mut_arg("plot", |plot| plot.help("Draw the map into this file (.png or .svg)")))]
 pub struct Arguments {
     #[command(flatten)]

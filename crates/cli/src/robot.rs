@@ -1,8 +1,9 @@
-//! An articulated system from whatever the user typed: a configuration, or a vehicle as one body.
+//! What flies, from whatever the user typed: a vehicle, a configuration, or a vehicle as one body.
 
-use super::arguments::{VehicleArguments, is_path};
-use super::source;
+use super::arguments::{FlightArguments, VehicleArguments, is_path};
+use super::source::{self, Source};
 use crate::prelude::*;
+use clap::{Arg, Args};
 use omnidrones::dynamics::assembly::single;
 use omnidrones::dynamics::tree::Model;
 use omnidrones::dynamics::{configurations, vehicles};
@@ -15,6 +16,52 @@ pub struct Robot {
     pub origin: String,
     /// One line, empty for a file.
     pub description: String,
+}
+
+/// What is named, and how it flies.
+#[derive(Debug, Clone, Args)]
+pub struct FlyerArguments {
+    /// A built-in vehicle ('omnidrones models' lists them), or a file FILE.toml or FILE.urdf
+    #[arg(value_name = "VEHICLE|FILE")]
+    pub vehicle: String,
+    #[command(flatten)]
+    pub rotors: VehicleArguments,
+    #[command(flatten)]
+    pub flight: FlightArguments,
+}
+
+/// The option `vehicle` of a command that takes configurations too.
+pub fn any_flyer(option: Arg) -> Arg {
+    let what = "A vehicle ('omnidrones models'), a configuration ('omnidrones show'), or a file FILE.toml or FILE.urdf";
+    option.value_name("VEHICLE|CONFIG|FILE").help(what)
+}
+
+impl FlyerArguments {
+    /// The vehicle, with what is odd about it told.
+    pub fn source(&self) -> Result<Source> {
+        source::to_use(Some(&self.vehicle), &self.rotors)
+    }
+
+    /// The configuration of that name, if there is one; else a vehicle, or an error that names the nearest of both.
+    pub fn flyer(&self) -> Result<Flyer> {
+        if configuration(&self.vehicle).is_some() {
+            return Ok(Flyer::Configuration(load(&self.vehicle, &self.rotors)?.model));
+        }
+        known(&self.vehicle)?;
+        Ok(Flyer::Vehicle(Box::new(self.source()?)))
+    }
+
+    /// Refuses a reference for a command that flies none.
+    pub fn refuse_reference(&self, command: &str, remedy: &str) -> Result<()> {
+        let Some(given) = &self.flight.reference else { return Ok(()) };
+        Err(Error::value("--reference", given, format!("none in '{command}'"), remedy))
+    }
+}
+
+/// What [`FlyerArguments`] name.
+pub enum Flyer {
+    Vehicle(Box<Source>),
+    Configuration(Box<Model>),
 }
 
 /// The configuration of that name, if there is one.

@@ -1,8 +1,9 @@
 //! `omnidrones rollout`: the episodes of a task under a controller, as figures, tables and files.
 
 use super::arguments;
-use super::episodes::{EpisodeArguments, Flown, Told, check_horizon};
+use super::episodes::{Flown, check_horizon};
 use super::rollout_all;
+use super::rollout_files::{EpisodeArguments, Told};
 use crate::prelude::*;
 use clap::ValueEnum;
 use omnidrones::parallel::Threads;

@@ -1,12 +1,107 @@
-//! What `rollout` leaves in a folder: figures, and every step and episode as CSV.
+//! How commands tell of episodes: which are asked for; figures, and every step and episode as CSV.
 
-use super::episodes::Flown;
+use super::arguments::{OutputArguments, ThreadArguments};
+use super::environment::EnvArguments;
+use super::episodes::{Flown, SHOWN, Seen};
+use super::files::write_table;
 use crate::prelude::*;
-use omnidrones::tasks::{ActionSpace, Column, Record, Recorded, Spread};
+use omnidrones::tasks::{ActionSpace, Column, Record, Recorded, Spread, Watched};
 use omnidrones_plot::{Colour, Figure, Panel, Series};
+use omnidrones_viewer::page;
 
-/// Single environments drawn behind the spread.
-pub const LINES: usize = 16;
+/// Which episodes are flown, and where they are told.
+#[derive(Debug, clap::Args)]
+pub struct EpisodeArguments {
+    /// Environments, one episode each
+    #[arg(long, value_name = "N")]
+    pub envs: Option<usize>,
+    #[command(flatten)]
+    pub threads: ThreadArguments,
+    #[command(flatten)]
+    pub environment: EnvArguments,
+    #[command(flatten)]
+    pub output: OutputArguments,
+    /// Write every step and every episode as CSV, and the first episodes step by step
+    #[arg(long, help_heading = "Output")]
+    pub csv: bool,
+    /// Write the first episodes step by step for NumPy: states, observations, actions, rewards
+    #[arg(long, help_heading = "Output")]
+    pub npz: bool,
+    /// Write the first episodes for Foxglove and rerun
+    #[cfg(feature = "mcap")]
+    #[arg(long, help_heading = "Output")]
+    pub mcap: bool,
+    /// How many episodes --csv, --npz and --mcap keep step by step
+    #[arg(long, value_name = "N", default_value_t = 16, help_heading = "Output")]
+    pub trajectories: usize,
+    /// Write replay.html: the first 4 episodes in space, a page for any browser
+    #[arg(long, help_heading = "Output")]
+    pub replay: bool,
+}
+
+impl EpisodeArguments {
+    /// Whether a log for Foxglove and rerun is wanted.
+    fn mcap(&self) -> bool {
+        #[cfg(feature = "mcap")]
+        return self.mcap;
+        #[cfg(not(feature = "mcap"))]
+        return false;
+    }
+}
+
+/// How a command tells of the episodes that it flies.
+pub struct Told<'a> {
+    /// Its name, that of its figure too.
+    pub command: &'static str,
+    /// Who flies, in JSON.
+    pub by: &'a str,
+    /// The folder unless another one was named.
+    pub usual: PathBuf,
+}
+
+impl Told<'_> {
+    /// Flies behind a bar of `horizon` steps, draws and writes what the options want, and tells.
+    pub fn of(
+        self,
+        arguments: &EpisodeArguments,
+        horizon: usize,
+        fly: impl FnOnce(usize, &mut dyn FnMut(&Watched<'_>)) -> Result<Flown>,
+    ) -> Result<Report> {
+        let EpisodeArguments { output, csv, npz, replay, .. } = arguments;
+        let logs = *csv || *npz || arguments.mcap();
+        let mut outputs = output.open(self.usual, logs || *replay)?;
+        let bar = progress::bar(horizon as u64, "flying", output.json);
+        let kept = if logs { arguments.trajectories } else { 0 };
+        let mut seen = Seen::new(if *replay { SHOWN } else { 0 });
+        let mut logged = Seen::new(if arguments.mcap() { kept } else { 0 });
+        let flown = fly(kept, &mut |watched| {
+            bar.set_position(watched.step as u64);
+            seen.see(watched);
+            logged.see(watched);
+        })?;
+        bar.finish_and_clear();
+        outputs.draw(self.command, || figure(&flown))?;
+        if *csv {
+            outputs.put("steps.csv", |path| write_steps(&flown.record, path))?;
+            outputs.put("episodes.csv", |path| write_episodes(&flown.record, path))?;
+            outputs.put("trajectories.csv", |path| flown.trajectories.write_csv(path))?;
+        }
+        if *npz {
+            outputs.put("trajectories.npz", |path| flown.trajectories.write_npz(path))?;
+        }
+        #[cfg(feature = "mcap")]
+        if arguments.mcap {
+            let recording = logged.recording(&flown)?;
+            outputs.put("trajectories.mcap", |path| flown.trajectories.write_mcap(path, &recording))?;
+        }
+        if *replay {
+            outputs.text("replay.html", page(&flown.title(), &[seen.recording(&flown)?]))?;
+        }
+        let written = outputs.written;
+        Ok(Report::told(output.json, true, || flown.json(self.command, self.by, &written), || flown.page(&written)))
+    }
+}
+
 /// A median that ends below its largest value by more than this needs a logarithmic axis.
 const FALL: f64 = 40.0;
 /// Least share of the episodes over which a spread is drawn.
@@ -173,16 +268,4 @@ fn step_header(record: &Record) -> Vec<String> {
         header.extend(["mean", "p10", "median", "p90"].map(|what| format!("{}_{what} [{}]", info.name, info.unit)));
     }
     header
-}
-
-/// A CSV file: a header, then row by row.
-pub fn write_table(path: &Path, header: Vec<String>, rows: impl Iterator<Item = Vec<String>>) -> Result<()> {
-    let mut text = csv::Writer::from_writer(Vec::new());
-    let failed = |e: csv::Error| Error::file(path, std::io::Error::other(e));
-    text.write_record(&header).map_err(failed)?;
-    for row in rows {
-        text.write_record(&row).map_err(failed)?;
-    }
-    let bytes = text.into_inner().map_err(|e| Error::file(path, std::io::Error::other(e.to_string())))?;
-    files::replace(path, &bytes)
 }

@@ -1,6 +1,6 @@
 //! Tables for people: aligned numbers, units in the header, bold headers on a terminal only.
 
-use super::page::shown;
+use super::words::shown;
 use comfy_table::{Attribute, Cell, CellAlignment, ContentArrangement, LineStyle, TableStyle};
 
 /// How a column is aligned.

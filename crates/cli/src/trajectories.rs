@@ -3,8 +3,8 @@
 //! A row is a step: state and observation before it, the action, reward and ends that came of it. What an episode ended in
 //! stands behind its steps.
 
+use super::files::write_table;
 use super::npz::Npz;
-use super::rollout_files::write_table;
 use crate::prelude::*;
 use omnidrones::controllers::Reference;
 #[cfg(feature = "mcap")]

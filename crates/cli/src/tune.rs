@@ -1,6 +1,7 @@
 //! `omnidrones tune`: gains by gradients through closed-loop flights, judged on starts that the tuning never saw.
 
-use super::arguments::{self, FlyerArguments, OutputArguments};
+use super::arguments::{self, OutputArguments};
+use super::robot::FlyerArguments;
 use super::sheet::{self, KeyFigures};
 use super::tune_grid::{self, GridArguments};
 use crate::prelude::*;

@@ -1,0 +1,108 @@
+//! Numbers and names in words.
+
+/// Longest text shown at one place, characters.
+const LONGEST: usize = 4000;
+
+/// A text without what steers a terminal, and not endless: names come from files of anybody.
+pub fn shown(text: &str) -> String {
+    let plain = |c: char| if c.is_control() && c != '\n' { '·' } else { c };
+    let mut out: String = text.chars().take(LONGEST).map(plain).collect();
+    if text.chars().nth(LONGEST).is_some() {
+        out.push('…');
+    }
+    out
+}
+
+/// `v` to `digits` significant digits: plain from 0.001 to 99999, else with an exponent; a dash where not finite.
+pub fn short(v: f64, digits: usize) -> String {
+    if !v.is_finite() {
+        return "–".into();
+    }
+    if v == 0.0 {
+        return "0".into();
+    }
+    let scientific = format!("{v:.*e}", digits.saturating_sub(1));
+    let Some((mantissa, exponent)) = scientific.split_once('e') else { return scientific };
+    let magnitude: i32 = exponent.parse().unwrap_or(0);
+    if !(-3..5).contains(&magnitude) {
+        let mantissa =
+            if mantissa.contains('.') { mantissa.trim_end_matches('0').trim_end_matches('.') } else { mantissa };
+        return format!("{mantissa}e{exponent}");
+    }
+    let decimals = usize::try_from(digits as i32 - 1 - magnitude).unwrap_or(0);
+    let plain = format!("{v:.decimals$}");
+    if plain.contains('.') { plain.trim_end_matches('0').trim_end_matches('.').to_string() } else { plain }
+}
+
+/// Metres as a person would say them.
+pub fn length(metres: impl Into<Option<f64>>) -> String {
+    match metres.into() {
+        Some(m) if m.is_finite() && m < 0.1 => format!("{:.1} mm", 1e3 * m),
+        Some(m) if m.is_finite() => format!("{} m", short(m, 3)),
+        _ => "–".into(),
+    }
+}
+
+/// Seconds as a person would say them.
+pub fn duration(seconds: f64) -> String {
+    match seconds {
+        s if s < 1e-3 => format!("{} µs", short(1e6 * s, 3)),
+        s if s < 1.0 => format!("{} ms", short(1e3 * s, 3)),
+        s => format!("{} s", short(s, 3)),
+    }
+}
+
+/// The share of `n` as people say it: a count where it is a few of many, `1 of 1024`.
+pub fn share_of(share: f64, n: usize) -> String {
+    let count = (share * n as f64).round();
+    if count > 0.0 && share < 0.01 { format!("{count} of {n}") } else { percent(share) }
+}
+
+/// `97 %`.
+pub fn percent(share: f64) -> String {
+    format!("{} %", short(100.0 * share, 3))
+}
+
+/// `3.12 M`, `196 k`.
+pub fn count(n: f64) -> String {
+    match n {
+        n if n >= 999.5e6 => format!("{} G", short(1e-9 * n, 3)),
+        n if n >= 999.5e3 => format!("{} M", short(1e-6 * n, 3)),
+        n if n >= 999.5 => format!("{} k", short(1e-3 * n, 3)),
+        n => short(n, 3),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_cannot_steer_a_terminal_and_is_not_endless() {
+        assert_eq!(shown("a\u{1b}[31mb\u{7}"), "a·[31mb·");
+        assert_eq!(shown(&"x".repeat(400_000)).chars().count(), LONGEST + 1);
+    }
+
+    #[test]
+    fn numbers_keep_their_significant_digits_and_no_more() {
+        for (v, text) in [
+            (8.54858e-6, "8.549e-6"),
+            (0.0125, "0.0125"),
+            (838.0, "838"),
+            (1.0, "1"),
+            (0.0, "0"),
+            (-2.5e9, "-2.5e9"),
+            (99999.0, "1e5"),
+            (12345.6, "12346"),
+            (f64::NAN, "–"),
+            (0.1 + 0.2, "0.3"),
+        ] {
+            assert_eq!(short(v, 4), text);
+        }
+    }
+
+    #[test]
+    fn a_few_of_many_are_counted() {
+        assert_eq!([share_of(1.0 / 1024.0, 1024), share_of(0.0, 1024), share_of(0.5, 4)], ["1 of 1024", "0 %", "50 %"]);
+    }
+}
