@@ -45,7 +45,7 @@ impl FlyerArguments {
     /// The configuration of that name, if there is one; else a vehicle, or an error that names the nearest of both.
     pub fn flyer(&self) -> Result<Flyer> {
         if configuration(&self.vehicle).is_some() {
-            return Ok(Flyer::Configuration(load(&self.vehicle, &self.rotors)?.model));
+            return Ok(Flyer::Configuration(Box::new(load(&self.vehicle, &self.rotors)?.model)));
         }
         known(&self.vehicle)?;
         Ok(Flyer::Vehicle(Box::new(self.source()?)))
