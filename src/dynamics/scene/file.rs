@@ -49,7 +49,7 @@ impl Scene {
     /// ```
     ///
     /// # Errors
-    /// [`Error::Format`] with line or element for what is no TOML, an unknown key, and numbers that
+    /// [`Error::Format`](crate::error::Error::Format) with line or element for what is no TOML, an unknown key, and numbers that
     /// [`validate`](Self::validate) or a generator refuses; as [`Mesh`](crate::dynamics::Mesh) for meshes, whose files are
     /// named from the working folder.
     pub fn from_toml_str(text: &str, file_name: &str) -> Result<Self> {
@@ -65,7 +65,8 @@ impl Scene {
     /// Reads and checks a scene file of at most 16 MiB. Files of meshes are named from its folder.
     ///
     /// # Errors
-    /// As [`from_toml_str`](Self::from_toml_str); [`Error::File`] and [`Error::Limit`] for what cannot be read.
+    /// As [`from_toml_str`](Self::from_toml_str); [`Error::File`](crate::error::Error::File) and
+    /// [`Error::Limit`](crate::error::Error::Limit) for what cannot be read.
     pub fn from_toml_file(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
         let text = crate::file_gate::read_text(path, MAX_FILE_BYTES)?;

@@ -221,7 +221,7 @@ impl Default for ContactSettings {
     }
 }
 
-/// The parts of a [`Model`] before they are checked.
+/// The parts of a [`Model`](super::Model) before they are checked.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ModelParts {

@@ -226,7 +226,7 @@ impl Spec {
     /// From JSON.
     ///
     /// # Errors
-    /// [`Error::Format`] with line and column.
+    /// [`Error::Format`](crate::error::Error::Format) with line and column.
     pub fn from_json(text: &str) -> Result<Self> {
         reader::of_json(text.as_bytes(), "<spec>", "Take what Spec::to_json wrote.")
     }
