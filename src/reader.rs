@@ -6,7 +6,7 @@
 
 use crate::error::{Error, Result, in_words, unknown_key_remedy};
 use serde::de::value::BorrowedStrDeserializer;
-use serde::de::{self, DeserializeOwned, DeserializeSeed, Error as _, Expected, Unexpected, Visitor};
+use serde::de::{self, DeserializeOwned, DeserializeSeed, Error as _, Expected, IgnoredAny, Unexpected, Visitor};
 use serde::forward_to_deserialize_any;
 use std::fmt;
 use std::ops::Range;
@@ -56,15 +56,54 @@ const WHOLE: &str = "the settings";
 /// What a text of JSON says; `file` and `remedy` are for messages.
 ///
 /// # Errors
-/// [`Error::Format`] with line and column for text that is no JSON, with the path of the key for what has another type.
+/// [`Error::Format`] with line and column, and with the path of the key for what has another type.
 pub fn of_json<T: DeserializeOwned>(text: &[u8], file: &str, remedy: &str) -> Result<T> {
     let format = |place: String, rule: String| Error::Format { file: file.into(), place, rule, remedy: remedy.into() };
-    let value: serde_json::Value = serde_json::from_slice(text)
-        .map_err(|e| format(format!("line {}, column {}", e.line(), e.column()), e.to_string()))?;
+    let at = |e: &serde_json::Error| format!("line {}, column {}", e.line(), e.column());
+    let value: serde_json::Value = serde_json::from_slice(text).map_err(|e| format(at(&e), e.to_string()))?;
     T::deserialize(Reader(Value::Json(&value))).map_err(|fault| {
-        let place = fault.path().unwrap_or_else(|| WHOLE.into());
-        format(place, fault.rule())
+        let ended = Way(&fault.0.steps).deserialize(&mut serde_json::Deserializer::from_slice(text));
+        let place = ended.err().as_ref().map(at);
+        format(fault.path().into_iter().chain(place).collect::<Vec<_>>().join(", "), fault.rule())
     })
+}
+
+/// The way to a value of a text, the next step last: reading ends there with an error, which knows line and column.
+struct Way<'a>(&'a [Step]);
+
+impl<'de> DeserializeSeed<'de> for Way<'_> {
+    type Value = ();
+    fn deserialize<D: de::Deserializer<'de>>(self, text: D) -> std::result::Result<(), D::Error> {
+        text.deserialize_any(self)
+    }
+}
+
+// numbers and texts end it of themselves
+impl<'de> Visitor<'de> for Way<'_> {
+    type Value = ();
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("the end of the way")
+    }
+    fn visit_map<A: de::MapAccess<'de>>(self, mut table: A) -> std::result::Result<(), A::Error> {
+        if let Some((Step::Key(key), rest)) = self.0.split_last() {
+            while let Some(own) = table.next_key::<String>()? {
+                match own == *key {
+                    true => return table.next_value_seed(Way(rest)),
+                    false => drop(table.next_value::<IgnoredAny>()?),
+                }
+            }
+        }
+        Err(A::Error::custom("here"))
+    }
+    fn visit_seq<A: de::SeqAccess<'de>>(self, mut list: A) -> std::result::Result<(), A::Error> {
+        if let Some((Step::Index(i), rest)) = self.0.split_last() {
+            for _ in 0..*i {
+                list.next_element::<IgnoredAny>()?;
+            }
+            list.next_element_seed(Way(rest))?;
+        }
+        Err(A::Error::custom("here"))
+    }
 }
 
 /// What a table says.
@@ -549,9 +588,10 @@ mod tests {
         for (text, place) in [
             (
                 r#"{"mass": 1, "arm": [1, "b", 3]}"#,
-                "my.json: arm: invalid type: string \"b\", expected a number. Mend it.",
+                "my.json: arm, line 1, column 26: invalid type: string \"b\", expected a number. Mend it.",
             ),
-            (r#"{"mass": null}"#, "my.json: mass: invalid type: null, expected a number. Mend it."),
+            (r#"{"mass": null}"#, "my.json: mass, line 1, column 13: invalid type: null, expected a number. Mend it."),
+            (r#"{"arm": null}"#, "my.json: line 1, column 1: missing field `mass`. Mend it."),
             (r#"{"mass": 1"#, "my.json: line 1, column 10: EOF while parsing an object at line 1 column 10. Mend it."),
         ] {
             assert_eq!(of_json::<Own>(text.as_bytes(), "my.json", "Mend it.").unwrap_err().to_string(), place);
