@@ -53,7 +53,7 @@ use std::time::{Duration, Instant};
 /// use omnidrones::rl::{TrainConfig, Trainer};
 /// use std::ops::ControlFlow;
 ///
-/// let own = "evaluate.envs = 16\n[apg]\nn_env = 16\nwindow = 8\nupdates = 4\n[env.task]\nhorizon = 40";
+/// let own = "evaluate.envs = 16\n[apg]\nn_env = 16\nhorizon = 8\nupdates = 4\n[env.task]\nhorizon = 40";
 /// let config = TrainConfig::for_task("Hover", None, Some((own, "tiny")))?;
 /// let mut trainer = Trainer::new("Hover", config, Threads::default())?;
 /// let outcome = trainer.run(&mut |progress| {
