@@ -947,12 +947,12 @@ class Vehicle:
         As TOML that `Vehicle` reads back bit for bit.
         """
 
-def _evaluation(shards: SupportsGetItem[int, tuple[Any, Any, Any, Any]], policy: Any, name: str | None = None, *, config: Any | None = None, **settings) -> dict:
+def _evaluation(shards: SupportsGetItem[int, tuple[Any, Any, Any, Any, Any]], policy: Any, name: str | None = None, *, config: Any | None = None, **settings) -> dict:
     """
     What `evaluate` tells, of shards in the order of their environments.
     """
 
-def _fly_shard(policy: Any, name: str | None, num_envs: SupportsIndex, first_environment: SupportsIndex, *, seed: SupportsIndex = 1000003, threads: SupportsIndex | None = None, config: Any | None = None, **settings) -> tuple[Any, Any, Any, Any]:
+def _fly_shard(policy: Any, name: str | None, num_envs: SupportsIndex, first_environment: SupportsIndex, *, seed: SupportsIndex = 1000003, threads: SupportsIndex | None = None, config: Any | None = None, **settings) -> tuple[Any, Any, Any, Any, Any]:
     """
     The episodes of a shard of an evaluation, for `_evaluation`.
     """
@@ -1009,7 +1009,7 @@ def design(vehicle: Any, /, *, gains: Mapping | None = None, rates: dict | None 
 def evaluate(policy: Any, name: str | None = None, *, num_envs: SupportsIndex = 1024, seed: SupportsIndex = 1000003, threads: SupportsIndex | None = None, config: Any | None = None, **settings) -> dict:
     """
     Flies one episode from each of so many starts and tells how well: by name "success" with "success_interval" (95 %, Wilson),
-    "crashed", "return_mean", "final_error", "ends" and more.
+    "crashed", "return_mean", "final_error", "ends", "activity" of the commands of rotors, and more.
 
     Parameters
     ----------

@@ -9,7 +9,7 @@ use omnidrones::rl::nn::Head;
 use omnidrones::rl::recipes::recipes_of;
 use omnidrones::rl::{self, TrainConfig, Trainer};
 use omnidrones::tasks::registry::{self, Entry};
-use omnidrones::tasks::{self, Autoreset, Env, EnvConfig, EpisodeRows, Evaluation, Spec, Statistics};
+use omnidrones::tasks::{self, Autoreset, Env, EnvConfig, EpisodeActivity, EpisodeRows, Evaluation, Spec, Statistics};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 use std::ops::ControlFlow;
@@ -306,7 +306,7 @@ pub fn train(
 }
 
 /// Flies one episode from each of so many starts and tells how well: by name "success" with "success_interval" (95 %, Wilson),
-/// "crashed", "return_mean", "final_error", "ends" and more.
+/// "crashed", "return_mean", "final_error", "ends", "activity" of the commands of rotors, and more.
 ///
 /// Parameters
 /// ----------
@@ -429,7 +429,7 @@ fn flown(
 }
 
 /// Rows of [`EpisodeRows`] as arrays, which travel.
-type Told<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>);
+type Told<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>);
 
 /// The episodes of a shard of an evaluation, for `_evaluation`.
 #[pyfunction]
@@ -450,7 +450,9 @@ pub fn _fly_shard<'py>(
     let (rows, spec) = flown(py, policy, name, &shard, threads, config, settings)?;
     let n = [num_envs];
     let info = array(py, rows.info, &[num_envs, spec.info.len()])?;
-    Ok((info, array(py, rows.terminated, &n)?, array(py, rows.error, &n)?, array(py, rows.near, &n)?))
+    let activity = rows.activity.iter().flat_map(|a| [a.change, a.last_second, a.power[0], a.power[1]]).collect();
+    let activity = array(py, activity, &[num_envs, 4])?;
+    Ok((info, array(py, rows.terminated, &n)?, array(py, rows.error, &n)?, array(py, rows.near, &n)?, activity))
 }
 
 /// What `evaluate` tells, of shards in the order of their environments.
@@ -467,13 +469,16 @@ pub fn _evaluation<'py>(
     let (entry, config) = judged(policy, name, config, settings)?;
     let env = Shard { num_envs: 1, first_environment: 0, seed: 0 }.env(entry, config).or_raise()?;
     let (mut rows, width) = (EpisodeRows::default(), env.spec().info.len());
-    for (info, terminated, error, near) in &shards {
+    for (info, terminated, error, near, activity) in &shards {
         let n = terminated.len()?;
+        let activity = read("activity", activity, &[n, 4])?;
+        let of = |a: &[f64]| EpisodeActivity { change: a[0], last_second: a[1], power: [a[2], a[3]] };
         rows.join(EpisodeRows {
             info: slice(&read("info", info, &[n, width])?)?.to_vec(),
             terminated: flags("terminated", terminated, n)?,
             error: slice(&read("error", error, &[n])?)?.to_vec(),
             near: flags("near", near, n)?,
+            activity: slice(&activity)?.chunks_exact(4).map(of).collect(),
         });
     }
     figures(py, &rows.evaluation(env.spec()))

@@ -671,6 +671,7 @@ impl Since {
         line.put("eval_length", figure(|e| e.length));
         line.put("eval_final_error", figure(|e| e.final_error));
         line.put("eval_mean_error", figure(|e| e.mean_error));
+        line.put("eval_command_change", figure(Evaluation::command_change));
         let mut phases = self.phases.clone();
         // a column of every line
         phases.add(SAVE, Duration::ZERO);

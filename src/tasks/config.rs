@@ -109,6 +109,10 @@ pub struct EnvConfig {
     pub substeps: usize,
     /// How each is integrated.
     pub integrator: Integrator,
+    /// Weight of the change of throttle in a step, (1/m) Σ ‖s − s_before‖² over the drones (s = Ω/Ω_max): a term of the reward
+    /// that is taken off, and a summand of the training loss. It calms commands that jump from step to step. 0: none.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub throttle_change: f64,
     /// Transforms of the observation, in order.
     pub observation: Vec<Stage>,
     /// What differs between environments and episodes; none for the task's own, an empty list for nothing.
@@ -165,6 +169,7 @@ impl Default for EnvConfig {
             control_rate: 0,
             substeps: 1,
             integrator: Integrator::RungeKutta4,
+            throttle_change: 0.0,
             observation: Vec::new(),
             randomise: None,
             sensor: None,
@@ -179,6 +184,12 @@ impl Default for EnvConfig {
             task: toml::Table::new(),
         }
     }
+}
+
+/// What nobody set is not written: hashes of settings stay.
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "as serde asks")]
+fn is_zero(weight: &f64) -> bool {
+    *weight == 0.0
 }
 
 /// A count that may be written as `1e6`; what it cannot be, the message says.
@@ -210,14 +221,8 @@ impl EnvConfig {
 
     /// The names of its settings.
     pub fn keys() -> Vec<String> {
-        let whole = Self {
-            randomise: Some(Vec::new()),
-            sensor: Some(Vec::new()),
-            residual: 1.0,
-            truncate_after: 1,
-            easier: 1.0,
-            ..Self::default()
-        };
+        let whole =
+            Self { randomise: Some(Vec::new()), sensor: Some(Vec::new()), throttle_change: 1.0, ..Self::default() };
         let told = toml::Table::try_from(whole).unwrap_or_default();
         told.keys().cloned().chain(["own_vehicle".into()]).collect()
     }
@@ -271,6 +276,10 @@ impl EnvConfig {
         if !(0.0..=2.0).contains(&self.residual) {
             let remedy = "0 leaves the controller out, 2 reaches every command from every other.";
             return Err(Error::value("residual", self.residual, "within [0, 2]", remedy));
+        }
+        if !(0.0..=1e6).contains(&self.throttle_change) {
+            let remedy = "0 takes nothing off for commands that jump; 0.1 to 10 are usual.";
+            return Err(Error::value("throttle_change", self.throttle_change, "within [0, 1e6]", remedy));
         }
         self.own_vehicle.as_ref().map_or(Ok(()), Vehicle::validate)?;
         self.check_task()?;

@@ -1,5 +1,6 @@
 //! How well a policy does: one episode of every environment, from fixed starts.
 
+use super::activity::{Activity, Commands, EpisodeActivity};
 use super::config::Autoreset;
 use super::env::{Buffers, Column, Env, Spec};
 use crate::error::{Error, Result};
@@ -31,12 +32,22 @@ pub struct Evaluation {
     pub crashed: f64,
     /// Mean number of steps.
     pub length: f64,
+    /// What the rotors were told; none in evaluations that were written before it was told.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub activity: Option<Activity>,
     /// Mean of every metric in the last step, in the order of the task's metrics.
     pub final_metrics: Vec<f64>,
     /// Mean sum of every term of the reward, in the order of [`Spec::reward`](super::Spec::reward).
     pub terms: Vec<f64>,
     /// Share of episodes that ended by each of [`Spec::ends`](super::Spec::ends), then by divergence.
     pub ends: Vec<f64>,
+}
+
+impl Evaluation {
+    /// [`Activity::change`]; NaN where it is not known.
+    pub fn command_change(&self) -> f64 {
+        self.activity.map_or(f64::NAN, |activity| activity.change)
+    }
 }
 
 /// Where a share lies with 95 % confidence of which `hits` of `n` are known (Wilson 1927).
@@ -90,6 +101,8 @@ pub struct EpisodeRows {
     pub error: Vec<f64>,
     /// Whether that metric came below the first limit of a success, `[E]`.
     pub near: Vec<bool>,
+    /// Of the commands of its rotors, `[E]`.
+    pub activity: Vec<EpisodeActivity>,
 }
 
 impl EpisodeRows {
@@ -110,8 +123,14 @@ impl EpisodeRows {
         let limit = spec.success.limits.first().map_or(f64::INFINITY, |limit| limit.below);
         let mut flying = vec![true; n];
         let width = spec.info.len();
-        let mut own =
-            Self { info: vec![0.0; n * width], terminated: vec![false; n], error: vec![0.0; n], near: vec![false; n] };
+        let mut commands = Commands::of(env);
+        let mut own = Self {
+            info: vec![0.0; n * width],
+            terminated: vec![false; n],
+            error: vec![0.0; n],
+            near: vec![false; n],
+            activity: Vec::new(),
+        };
         for t in 0..spec.horizon {
             policy(env, &out, &mut actions)?;
             env.step(&actions, &mut out.out())?;
@@ -120,6 +139,7 @@ impl EpisodeRows {
                 own.error[i] += error;
                 own.near[i] = error < limit || spec.success.once && own.near[i];
             }
+            commands.see(env, &flying)?;
             watch(&Watched { env, out: &out, step: t + 1, flying: &flying });
             for i in 0..n {
                 if flying[i] {
@@ -133,6 +153,7 @@ impl EpisodeRows {
                 break;
             }
         }
+        own.activity = commands.episodes();
         Ok(own)
     }
 
@@ -142,6 +163,7 @@ impl EpisodeRows {
         self.terminated.extend(next.terminated);
         self.error.extend(next.error);
         self.near.extend(next.near);
+        self.activity.extend(next.activity);
     }
 
     /// Figures over them. `spec` is that of the environments but for their number.
@@ -151,7 +173,7 @@ impl EpisodeRows {
     pub fn evaluation(&self, spec: &Spec) -> Evaluation {
         let (n, width) = (self.terminated.len(), spec.info.len());
         assert!(n > 0 && self.info.len() == n * width, "rows of info");
-        assert!(self.error.len() == n && self.near.len() == n, "an entry for each episode");
+        assert!(self.error.len() == n && self.near.len() == n && self.activity.len() == n, "an entry for each episode");
         let of = |k: usize| (0..n).map(move |i| f64::from(self.info[i * width + k]));
         let mean = |k: usize| of(k).sum::<f64>() / n as f64;
         let return_mean = mean(Column::Return.index());
@@ -173,6 +195,7 @@ impl EpisodeRows {
             success_by_last_error: share(&|i| self.near[i] && !self.terminated[i]),
             crashed: share(&|i| self.terminated[i]),
             length: steps / n as f64,
+            activity: Some(Activity::over(&self.activity)),
             final_metrics: spec.metric_columns().map(mean).collect(),
             terms: spec.term_columns().map(mean).collect(),
             ends: (1..spec.ends.len() + 2).map(|k| share(&|i| at(i, Column::Reason) as usize == k)).collect(),

@@ -132,6 +132,7 @@
 //! # Ok::<(), omnidrones::error::Error>(())
 //! ```
 
+pub(crate) mod activity;
 pub(crate) mod any_task;
 pub(crate) mod baseline;
 pub mod bounds;
@@ -155,6 +156,7 @@ pub(crate) mod task;
 pub mod task_spec;
 pub(crate) mod track_path;
 
+pub use activity::{Activity, EpisodeActivity};
 pub use baseline::Baseline;
 pub use bounds::Bounds;
 pub use config::{ActionSpace, Autoreset, Delay, EnvConfig};

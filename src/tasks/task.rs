@@ -247,6 +247,22 @@ impl<S: Scalar> View<'_, S> {
     /// Δs = ‖s − s_before‖ over a drone's rotors.
     #[inline(always)]
     pub fn throttle_difference(&self, drone: usize) -> S {
+        safe::sqrt(self.squared_throttle_difference(drone), safe::SQUARED_NORM_FLOOR)
+    }
+
+    /// (1/m) Σ Δs² over the drones.
+    #[inline(always)]
+    pub(crate) fn mean_squared_throttle_difference(&self) -> S {
+        let m = self.robot.drones().len();
+        let mut sum = S::zero();
+        for i in 0..m {
+            sum += self.squared_throttle_difference(i);
+        }
+        sum * S::constant(1.0 / m as f64)
+    }
+
+    #[inline(always)]
+    fn squared_throttle_difference(&self, drone: usize) -> S {
         let mut first = 0;
         for i in 0..drone {
             first += self.robot.drones()[i].rotors.len();
@@ -259,7 +275,7 @@ impl<S: Scalar> View<'_, S> {
             let change = change * S::constant(1.0 / rotor.max_speed);
             sum = change.mul_add(change, sum);
         }
-        safe::sqrt(sum, safe::SQUARED_NORM_FLOOR)
+        sum
     }
 
     /// The part of a drone's observation that all tasks share, ŝ: attitude (w ≥ 0), velocity, angular velocity, heading,

@@ -306,6 +306,17 @@ impl TaskSpec {
         self.reward.iter().map(|t| t.bound).sum()
     }
 
+    /// With the term of [`EnvConfig::throttle_change`](super::EnvConfig::throttle_change), behind the task's own, and its summand of
+    /// the loss; `most` is the largest Σ ‖s − s_before‖²/m.
+    pub(crate) fn take_off_throttle_change(&mut self, weight: f64, most: f64) {
+        if weight > 0.0 {
+            let formula = |sign: &str| format!("{sign}{weight} Σ ‖s − s_before‖²/m over the m drones");
+            let (name, smoothness) = ("throttle_change".to_string(), Smoothness::Smooth);
+            self.reward.push(Term { name, formula: formula("−"), low: -weight * most, bound: 0.0, smoothness });
+            self.loss.push(formula(""));
+        }
+    }
+
     /// Least reward in one step: the sum of the terms' least values.
     pub fn reward_floor(&self) -> f64 {
         self.reward.iter().map(|t| t.low).sum()

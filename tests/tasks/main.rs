@@ -14,6 +14,7 @@ mod race;
 mod records;
 mod residual;
 mod robustness;
+mod rotors;
 mod sendable;
 mod sensing;
 mod several_drones;

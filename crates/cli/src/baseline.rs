@@ -13,12 +13,13 @@ pub const MAX_COMPARED: usize = 256;
 /// A figure of an evaluation, how it is printed, and by which factor its interval is printed larger.
 pub type Figure = (fn(&Evaluation) -> f64, fn(f64) -> String, f64);
 
-/// What tables tell of evaluations: success, crashed, final error, mean error, return, share of bound.
-pub const FIGURES: [Figure; 6] = [
+/// What tables tell of evaluations: success, crashed, final error, mean error, change of commands, return, share of bound.
+pub const FIGURES: [Figure; 7] = [
     (|e| e.success, percent, 100.0),
     (|e| e.crashed, percent, 100.0),
     (|e| e.final_error, |x| short(x, 3), 1.0),
     (|e| e.mean_error, |x| short(x, 3), 1.0),
+    (Evaluation::command_change, |x| if x.is_nan() { "–".into() } else { short(x, 2) }, 1.0),
     (|e| e.return_mean, |x| short(x, 4), 1.0),
     (|e| e.share_of_bound, percent, 100.0),
 ];
@@ -78,8 +79,9 @@ pub fn compare(entry: &Entry, config: &TrainConfig, threads: &Threads) -> Option
 /// Who flew how well, a row each; errors in this unit.
 pub fn results<'a>(unit: &str, flown: impl IntoIterator<Item = &'a (String, Evaluation)>) -> Table {
     Table::new(&format!(
-        "flown by | >success | >crashed | >final error [{unit}] | >mean error [{unit}] | >return | >share of bound | >length"
-    )).filled(flown.into_iter().map(|(name, e)| {        let mut figures = FIGURES.map(|(of, show, _)| show(of(e)));
+        "flown by | >success | >crashed | >final error [{unit}] | >mean error [{unit}] | >change of commands | >return | >share of bound | >length"
+    )).filled(flown.into_iter().map(|(name, e)| {
+        let mut figures = FIGURES.map(|(of, show, _)| show(of(e)));
         figures[1] = share_of(e.crashed, e.n_episode);
 [name.clone()].into_iter().chain(figures).chain([short(e.length, 4)])
 }))

@@ -6,7 +6,7 @@ use super::trajectories::Trajectories;
 use crate::prelude::*;
 use omnidrones::rl::planner::PlannerConfig;
 use omnidrones::rl::refine::Refined;
-use omnidrones::tasks::{Act, Buffers, Env, Evaluation, Record, Spec, Spread, Watched, evaluate};
+use omnidrones::tasks::{Act, Activity, Buffers, Env, Evaluation, Record, Spec, Spread, Watched, evaluate};
 use omnidrones_viewer::{Episodes, Recording};
 use std::cell::RefCell;
 use std::time::Instant;
@@ -32,14 +32,23 @@ pub fn success(spec: &Spec) -> String {
     format!("  Success, not crashed: {}.", spec.success.text())
 }
 
+/// What stands behind the mean change of commands.
+fn activity(e: &Evaluation) -> String {
+    let Some(Activity { last_second, fast, .. }) = e.activity else { return String::new() };
+    let (last, fast) = (short(last_second, 3), percent(fast));
+    format!(
+        "per step of a rotor, of the range −1 to 1; {last} in the last second; {fast} of its power above a quarter of the rate"
+    )
+}
+
 /// What flew, and how well.
 pub struct Flown {
     pub record: Record,
     /// `cascade`, `random`, `planner`.
     pub controller: String,
     pub evaluation: Evaluation,
-    /// Step by step, of every command of one agent.
-    pub commands: Vec<Vec<Spread>>,
+    /// Of the episode of median change, and of the busiest.
+    pub commands: Vec<Commanded>,
     /// The first episodes, where they were to be kept.
     pub trajectories: Trajectories,
     /// How many episodes no controller could be made for, and why.
@@ -171,6 +180,7 @@ impl Flown {
             Fact::new(format!("{}, mean", error.name.replace('_', " ")), with_unit(e.mean_error))
                 .note("over all steps, the start included"),
             Fact::new("in the last step", with_unit(e.final_error)).note("mean, crashed episodes included"),
+            Fact::new("change of commands", short(e.command_change(), 3)).note(activity(e)),
             Fact::new("took", duration(self.wall_time))
                 .note(format!("{} k steps per second, the controller included", short(1e-3 * rate, 3))),
         ];
@@ -256,20 +266,35 @@ impl Flown {
     }
 }
 
+/// What the first agent commanded in an episode.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Commanded {
+    pub environment: usize,
+    /// Mean change of a command in a step.
+    pub change: f64,
+    /// `[step, command]`.
+    pub rows: Vec<Vec<f32>>,
+}
+
+/// Episodes whose commands are watched.
+const WATCHED: usize = 256;
+
 /// Watches what is commanded: the actions of a step are gone when it is over. Keeps the first episodes step by step.
 pub struct Commands {
     n_command: usize,
     given: RefCell<Vec<f32>>,
-    steps: RefCell<Vec<Vec<Spread>>>,
+    episodes: RefCell<Vec<Commanded>>,
     kept: RefCell<Trajectories>,
 }
 
 impl Commands {
     /// Which keeps so many episodes.
     pub fn new(env: &Env, kept: usize) -> Result<Self> {
-        let n_command = env.spec().action.len();
+        let n_command = env.spec().action.len().min(env.spec().n_action_of(0));
         let kept = RefCell::new(Trajectories::new(env, kept)?);
-        Ok(Self { n_command, given: RefCell::default(), steps: RefCell::default(), kept })
+        let none = |environment| Commanded { environment, change: 0.0, rows: Vec::new() };
+        let episodes = RefCell::new((0..env.spec().n_env.min(WATCHED)).map(none).collect());
+        Ok(Self { n_command, given: RefCell::default(), episodes, kept })
     }
 
     /// The policy, watched.
@@ -284,23 +309,28 @@ impl Commands {
         }
     }
 
-    /// Takes a step in: its commands over all agents whose episode it belonged to.
+    /// Takes a step in: the commands of episodes that it belonged to.
     pub fn see(&self, watched: &Watched<'_>) {
         self.kept.borrow_mut().after(watched);
-        let given = self.given.borrow();
-        let agents = given.chunks_exact(self.n_command.max(1));
-        let each = (agents.len() / watched.flying.len().max(1)).max(1);
-        let flying: Vec<(usize, &[f32])> = agents.enumerate().filter(|(row, _)| watched.flying[row / each]).collect();
-        let spread = |k: usize| {
-            let moves = flying.iter().filter(|(row, _)| k < watched.env.spec().n_action_of(row % each));
-            Spread::of(&mut moves.map(|(_, a)| a[k]).collect::<Vec<f32>>())
-        };
-        self.steps.borrow_mut().push((0..self.n_command).map(spread).collect());
+        let (given, mut episodes) = (self.given.borrow(), self.episodes.borrow_mut());
+        let each = given.len() / watched.flying.len().max(1);
+        for episode in episodes.iter_mut().filter(|episode| watched.flying[episode.environment]) {
+            episode.rows.push(given[episode.environment * each..][..self.n_command].to_vec());
+        }
     }
 
-    /// Commands step by step, and the episodes that were kept.
-    pub fn told(self) -> Result<(Vec<Vec<Spread>>, Trajectories)> {
-        Ok((self.steps.into_inner(), self.kept.into_inner().checked()?))
+    /// Commands in the episode of median change and in the busiest, and the episodes that were kept.
+    pub fn told(self) -> Result<(Vec<Commanded>, Trajectories)> {
+        let mut episodes = self.episodes.into_inner();
+        for Commanded { change, rows, .. } in &mut episodes {
+            let steps = rows.windows(2).flat_map(|two| two[0].iter().zip(&two[1]));
+            let sum: f64 = steps.map(|(before, now)| f64::from((now - before).abs())).sum();
+            *change = sum / (rows.len().saturating_sub(1) * self.n_command).max(1) as f64;
+        }
+        episodes.sort_by(|a, b| a.change.total_cmp(&b.change));
+        let busiest = episodes.pop();
+        let median = (!episodes.is_empty()).then(|| episodes.swap_remove(episodes.len() / 2));
+        Ok((median.into_iter().chain(busiest).collect(), self.kept.into_inner().checked()?))
     }
 }
 

@@ -110,6 +110,7 @@ pub fn value(runs: &[Outcome], failed: &[Failure]) -> Value {
         "crashed": of(|run| run.evaluation.crashed),
         "share_of_bound": of(|run| run.evaluation.share_of_bound),
         "return": of(|run| run.evaluation.return_mean),
+        "change_of_commands": of(|run| run.evaluation.command_change()),
         "final_error": of(|run| run.evaluation.final_error),
         "mean_error": of(|run| run.evaluation.mean_error),
         "seconds": of(|run| run.seconds),

@@ -88,7 +88,7 @@ pub fn told_errors<'a>(errors: impl Iterator<Item = (&'a str, &'a str)>) -> Stri
 
 fn all_page(lines: &[Line], config: &EnvConfig, written: &[PathBuf]) -> Page {
     let mut table = Table::new(
-        "task | flown by | >return | >of bound | >success | >crashed | >steps | >mean error [m] | >last [m]",
+        "task | flown by | >return | >of bound | >success | >crashed | >steps | >mean error [m] | >last [m] | >change of commands",
     );
     // tasks by the reason for which they were not flown
     let mut left_out: Vec<(String, Vec<&str>)> = Vec::new();
@@ -105,6 +105,7 @@ fn all_page(lines: &[Line], config: &EnvConfig, written: &[PathBuf]) -> Page {
                     number(e.length, 0),
                     short(e.mean_error, 3),
                     short(e.final_error, 3),
+                    short(e.command_change(), 2),
                 ]);
             }
             Err(reason) => {

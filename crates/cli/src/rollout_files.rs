@@ -2,10 +2,10 @@
 
 use super::arguments::{OutputArguments, ThreadArguments};
 use super::environment::EnvArguments;
-use super::episodes::{Flown, SHOWN, Seen};
+use super::episodes::{Commanded, Flown, SHOWN, Seen};
 use super::files::write_table;
 use crate::prelude::*;
-use omnidrones::tasks::{ActionSpace, Column, Record, Recorded, Spread, Watched};
+use omnidrones::tasks::{ActionSpace, Column, Record, Recorded, Watched};
 use omnidrones_plot::{Colour, Figure, Panel, Series};
 use omnidrones_viewer::page;
 
@@ -123,8 +123,13 @@ pub fn figure(flown: &Flown) -> Figure {
             .grid(&[1.0, 1.0], &rows)
             .place((0, 0), (2, 1), error(record))
             .place((0, last), (1, 1), returns(record))
-            .place((1, last), (1, 1), reward(record))
-            .place((0, last + 1), (2, 1), commands(flown));
+            .place((1, last), (1, 1), reward(record));
+    let which: &[&str] =
+        if flown.commands.len() == 1 { &["the only one"] } else { &["of median change", "the busiest"] };
+    let width = 2 / which.len();
+    for (i, (episode, which)) in flown.commands.iter().zip(which).enumerate() {
+        figure = figure.place((i, last + 1), (width, 1), commands(flown, which, episode));
+    }
     if height > 0.0 {
         figure = figure.place((0, 1), (2, 1), flying(record));
     }
@@ -167,30 +172,23 @@ fn limit(record: &Record) -> Option<f64> {
     spec.success.limits.iter().find(|limit| limit.metric == *own).map(|limit| limit.below).filter(|x| x.is_finite())
 }
 
-/// Median of every command over the agents, with the room from 10 to 90 % of them where they are few.
-fn commands(flown: &Flown) -> Panel {
+/// What the first agent commands in an episode: a median over episodes hides commands that jump.
+fn commands(flown: &Flown, which: &str, episode: &Commanded) -> Panel {
     let (record, names) = (&flown.record, &flown.record.spec().commands);
-    let n = flown.commands.first().map_or(0, Vec::len);
-    let mut panel = Panel::new("Commands, median over the episodes that go on", "time [s]", "command [-]");
-    let line = |k: usize, of: fn(&Spread) -> f64| {
-        let steps = crowded(record).zip(&flown.commands);
-        steps.map(|(s, spreads)| (s.time, of(&spreads[k]))).collect::<Vec<(f64, f64)>>()
-    };
+    let change = short(episode.change, 2);
+    let title = format!("Commands in episode {}, {which} ({change} per step)", episode.environment);
+    let mut panel = Panel::new(title, "time [s]", "command [-]");
+    let (n, dt) = (episode.rows.first().map_or(0, Vec::len), record.spec().dt);
     for k in 0..n {
-        let (low, high) = (line(k, |s| s.low), line(k, |s| s.high));
-        if n <= FEW {
-            let room = low.into_iter().zip(high).map(|((t, lo), (_, hi))| (t, lo, hi)).collect();
-            panel = panel.ribbon("", room, Colour::nth(k));
-        }
+        let points = episode.rows.iter().enumerate().map(|(t, row)| (t as f64 * dt, f64::from(row[k]))).collect();
         let name = if n == names.len() && n <= NAMED { names[k].as_str() } else { "" };
-        panel = panel.series(Series::line(name, line(k, |s| s.median)).colour(Colour::nth(k)).width(1.2));
+        panel = panel.series(Series::line(name, points).colour(Colour::nth(k)).width(1.0));
     }
     let continuous = record.spec().config.actions == ActionSpace::Continuous;
     whole_time(if continuous { panel.y_range(-1.05, 1.05) } else { panel }, record)
 }
 
-/// Up to so many commands have their spread drawn, and up to so many a name.
-const FEW: usize = 2;
+/// Up to so many commands have a name.
 const NAMED: usize = 12;
 
 /// Steps that enough episodes share.

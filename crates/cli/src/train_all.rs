@@ -206,7 +206,7 @@ pub fn table(lines: &[Line]) -> Table {
     let head = |name: &str| unit.map_or(name.to_string(), |unit| format!("{name} [{unit}]"));
     let (last, mean) = (head("final error"), head("mean error"));
     let mut table = Table::new(&format!(
-        "task | flown by | >success | >crashed | >{last} | >{mean} | >return | >share | >time | >env steps"
+        "task | flown by | >success | >crashed | >{last} | >{mean} | >change of commands | >return | >share | >time | >env steps"
     ));
     for line in lines {
         let Some(Row { runs, .. }) = line.row.as_ref().ok().filter(|row| !row.runs.is_empty()) else { continue };
@@ -221,6 +221,7 @@ pub fn table(lines: &[Line]) -> Table {
             percent(mean(|e| e.crashed)),
             error(mean(|e| e.final_error)),
             error(mean(|e| e.mean_error)),
+            short(mean(Evaluation::command_change), 2),
             short(mean(|e| e.return_mean), 4),
             shown(of(|e| e.share_of_bound), percent, 100.0),
             spread(runs, |run| run.seconds).map_or("–".into(), |all| duration(all.mean)),

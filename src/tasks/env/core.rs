@@ -7,14 +7,16 @@ use super::residual::Residual;
 use super::restart::Draft;
 use super::sensing::Sensing;
 use super::transition::{StepLayout, transition};
-use crate::autodiff::{Program, Recording};
+use crate::autodiff::{Program, Recording, Scalar, Trace};
 use crate::dynamics::batch::Plant;
 use crate::error::Result;
 use crate::tasks::bounds::Bounds;
 use crate::tasks::config::Autoreset;
+use crate::tasks::declare::{Declaration, Loss};
 use crate::tasks::observation::{Pipeline, Statistics};
 use crate::tasks::randomise::Randomiser;
 use crate::tasks::robot::Robot;
+use crate::tasks::task::View;
 use crate::tasks::task_spec::TaskSpec;
 use std::sync::{Arc, OnceLock};
 
@@ -31,6 +33,8 @@ pub(crate) struct Core {
     /// With which rotors hold the speeds of rest.
     pub hover_input: Vec<f64>,
     pub bounds: Bounds,
+    /// See [`EnvConfig::throttle_change`](crate::tasks::EnvConfig::throttle_change).
+    pub throttle_change: f64,
     /// Rows of the state that are bounded.
     pub limits: Vec<(usize, f32)>,
     pub sizes: Sizes,
@@ -65,6 +69,28 @@ pub(crate) struct Core {
 impl Core {
     pub(crate) fn robot(&self) -> &Robot {
         self.engine.robot()
+    }
+
+    /// The terms of the reward in a view of a recording.
+    pub(crate) fn reward(&self, view: &View<'_, Trace>) -> Vec<Trace> {
+        let mut terms = Declaration::default();
+        self.engine.reward(view, &mut terms);
+        terms.numbers.extend(self.throttle_cost(view).map(|cost| -cost));
+        terms.numbers
+    }
+
+    /// The training loss in a view of a recording.
+    pub(crate) fn loss(&self, view: &View<'_, Trace>) -> Trace {
+        let mut sum = self.engine.loss(view).sum;
+        if let Some(cost) = self.throttle_cost(view) {
+            sum.add("", cost);
+        }
+        sum.cut(self.bounds.loss)
+    }
+
+    fn throttle_cost(&self, view: &View<'_, Trace>) -> Option<Trace> {
+        let weight = self.throttle_change;
+        (weight > 0.0).then(|| view.mean_squared_throttle_difference() * Trace::constant(weight))
     }
 
     /// One step as a recording.

@@ -19,8 +19,10 @@ pub(crate) trait Engine: AnyTask {
 
 impl<T: Task> Engine for T {
     fn evaluate_lanes(&self, core: &Core, block: &mut EnvBlock, work: &mut Workspace) {
+        let (occupied, throttle_change) = (block.plant.occupied, core.throttle_change);
         let (sizes, alive_row, most_loss) = (&core.sizes, core.plant.alive_row(), core.bounds.loss);
-        each_register(block.plant.occupied, (self, EvaluateStep { sizes, alive_row, most_loss, block, work }));
+        let step = EvaluateStep { sizes, alive_row, most_loss, throttle_change, block, work };
+        each_register(occupied, (self, step));
     }
     fn observe_lanes(&self, sizes: &Sizes, block: &EnvBlock, work: &mut Workspace, lanes: u64) {
         let lanes = lanes & first_lanes(block.plant.occupied);

@@ -5,7 +5,7 @@ use crate::autodiff::lanes::{Lanes, RegisterKernel};
 use crate::autodiff::program::BLOCK;
 use crate::autodiff::{Mask, Scalar, StridedView};
 use crate::dynamics::batch::ALIVE;
-use crate::tasks::declare::{Masks, Sum};
+use crate::tasks::declare::{Loss, Masks, Sum};
 use crate::tasks::robot::Robot;
 use crate::tasks::task::{MAX_ENDS, Task, View};
 
@@ -58,6 +58,8 @@ pub(crate) struct EvaluateStep<'a> {
     pub alive_row: usize,
     /// Of the training loss.
     pub most_loss: f64,
+    /// Weight of [`EnvConfig::throttle_change`](crate::tasks::EnvConfig::throttle_change).
+    pub throttle_change: f64,
     pub block: &'a mut EnvBlock,
     pub work: &'a mut Workspace,
 }
@@ -65,7 +67,7 @@ pub(crate) struct EvaluateStep<'a> {
 impl<T: Task> RegisterKernel for (&T, EvaluateStep<'_>) {
     #[inline(always)]
     fn run<L: Lanes>(&mut self, at: usize) {
-        let (task, EvaluateStep { sizes, alive_row, most_loss, block, work }) = self;
+        let (task, EvaluateStep { sizes, alive_row, most_loss, throttle_change, block, work }) = self;
         let task = *task;
         let (robot, horizon) = (task.robot(), task.horizon() as f64);
         let (half, zero) = (L::constant(0.5), L::zero());
@@ -89,6 +91,11 @@ impl<T: Task> RegisterKernel for (&T, EvaluateStep<'_>) {
         let mut success = task.success(&view);
         let mut loss = Sum::new();
         task.loss(&view, &mut loss);
+        if *throttle_change > 0.0 {
+            let cost = view.mean_squared_throttle_difference() * L::constant(*throttle_change);
+            L::rows_mut(&mut work.terms, at).set(sizes.term - 1, -cost);
+            loss.add("", cost);
+        }
         let loss = loss.cut(*most_loss);
         let code = reason(task, &view, sizes.end);
 

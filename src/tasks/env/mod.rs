@@ -139,7 +139,10 @@ impl Env {
         };
         config.validate()?;
         EnvConfig::check_horizon(engine.horizon())?;
-        let own = declare(&*engine)?;
+        let mut own = declare(&*engine)?;
+        let drones = engine.robot().drones();
+        let n_rotor: usize = drones.iter().map(|drone| drone.rotors.len()).sum();
+        own.take_off_throttle_change(config.throttle_change, n_rotor as f64 / drones.len() as f64);
         for (what, n, most) in
             [("terms of the reward", own.reward.len(), MAX_TERMS), ("ends", own.ends.len(), MAX_ENDS)]
         {
@@ -182,7 +185,7 @@ impl Env {
             history: n_agent * extent.memory,
             central: total(&own.central),
             frame: robot.n_frame(),
-            rotor: robot.drones().iter().map(|d| d.rotors.len()).sum(),
+            rotor: n_rotor,
             held: n_agent * LATCHED_PER_AGENT,
             normalised: extent.normalised.unwrap_or(0),
         };
@@ -222,6 +225,7 @@ impl Env {
             sensing,
             hover_input,
             bounds: config.bounds,
+            throttle_change: config.throttle_change,
             limits,
             sizes,
             pipeline,
@@ -512,6 +516,28 @@ impl Env {
             own.copy_from_slice(nominal);
             let theta = self.blocks[i / BLOCK].theta.iter().zip(&self.core.varied);
             theta.for_each(|(row, k)| own[*k] = f64::from(row[i % BLOCK]));
+        }
+        Ok(())
+    }
+
+    /// Rotors of an environment, over all its agents.
+    pub fn n_rotor(&self) -> usize {
+        self.core.sizes.rotor
+    }
+
+    /// What every rotor is told, `[E, rotor]`, row-major, agent by agent: its command in \[−1, 1\] at the end of the last step,
+    /// before its motor's lag, whatever actions mean; allocates nothing.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for a slice of the wrong length.
+    pub fn rotor_commands_into(&self, rows: &mut [f32]) -> Result<()> {
+        let n = self.n_rotor();
+        self.check_rows("rotor commands", n, rows.len())?;
+        let rotors = self.robot().drones().iter().flat_map(|drone| &drone.rotors);
+        for (k, row) in rotors.map(|rotor| self.core.plant.input_row(rotor.action)).enumerate() {
+            for (i, own) in rows.chunks_exact_mut(n).enumerate() {
+                own[k] = self.blocks[i / BLOCK].plant.rows[row][i % BLOCK];
+            }
         }
         Ok(())
     }

@@ -176,11 +176,7 @@ pub(crate) fn ideal(core: &Core) -> Draft {
 pub(crate) fn ideal_terms(core: &Core) -> Vec<f64> {
     let Draft { state, goal, task_state, numbers } = ideal(core);
     let seen = Snapshot::of(core.robot(), &core.exposed, &numbers, &state, &goal, task_state);
-    seen.ask(core.robot(), |view| {
-        let mut terms = Declaration::<Trace>::default();
-        core.engine.reward(view, &mut terms);
-        terms.numbers.iter().map(|x| x.known().unwrap_or(f64::NAN)).collect()
-    })
+    seen.ask(core.robot(), |view| core.reward(view).iter().map(|x| x.known().unwrap_or(f64::NAN)).collect())
 }
 
 /// What controllers track in an episode that begins so.
@@ -215,7 +211,7 @@ pub(crate) fn transition(core: &Core, p: &StepLayout, z: &[Trace]) -> Vec<Trace>
     };
     step(core, &mut one);
     one.goal = &p.goal;
-    let loss = one.task.loss(&one.view()).sum.cut(core.bounds.loss);
+    let loss = core.loss(&one.view());
     one.seen[p.reward - p.n_carried()] = sum(&StridedView::of(&one.terms), s.term);
     one.seen[p.loss - p.n_carried()] = loss;
     y
@@ -319,9 +315,7 @@ impl Phases for Single<'_> {
             self.task.remember(&self.view(), &mut task_state);
             self.carried[self.p.task_state.clone()].copy_from_slice(&task_state.numbers);
         }
-        let mut terms = Declaration::default();
-        self.task.reward(&self.view(), &mut terms);
-        self.terms = terms.numbers;
+        self.terms = self.core.reward(&self.view());
     }
 
     fn change_goals(&mut self) {
