@@ -14,6 +14,7 @@ macro_rules! file {
 /// Names and texts of all files. The first of a task is that of its usual algorithm.
 pub static RECIPES: &[(&str, &str)] = &[
     file!("hover.apg"),
+    file!("hover.shac"),
     file!("hover.ppo"),
     file!("hover.sac"),
     file!("hover.td3"),
