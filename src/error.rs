@@ -36,7 +36,7 @@ pub enum Error {
         remedy: String,
     },
     /// A name that is in no registry.
-    #[error("no {kind} is called '{name}'{}. Known: {}", suggestion(.name, .known), .known.join(", "))]
+    #[error("no {kind} is called '{}'{}. Known: {}", cut(.name), suggestion(.name, .known), .known.join(", "))]
     Unknown {
         /// What was looked up: `vehicle`, `reference`.
         kind: &'static str,
@@ -185,6 +185,17 @@ pub(crate) fn in_words(said: &str) -> String {
     }
 }
 
+/// Most letters of a name that is not known in a message.
+const LONGEST_NAME: usize = 200;
+
+/// The beginning of a name that is endless.
+fn cut(name: &str) -> String {
+    match name.char_indices().nth(LONGEST_NAME) {
+        Some((end, _)) => format!("{}…", &name[..end]),
+        None => name.into(),
+    }
+}
+
 /// A number of hundreds of digits in scientific notation; any other text as it is.
 fn short(text: String) -> String {
     match text.parse::<f64>() {
@@ -210,14 +221,19 @@ pub(crate) fn suggestion(name: &str, known: &[String]) -> String {
 }
 
 /// The known name that is fewest edits away, at most half of either's letters; else the shortest that `name` begins, from three
-/// letters on.
+/// letters on; else the one whose words begin with its letters: `lr` for `learning_rate`.
 fn nearest<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> Option<&'a str> {
-    let name = name.to_lowercase();
+    // one letter more than could be near anything
+    let known: Vec<(String, &str)> = known.map(|k| (k.to_lowercase(), k)).collect();
+    let longest = known.iter().map(|(own, _)| own.chars().count()).max()?;
+    let name: String = name.chars().take(longest + longest / 2 + 1).flat_map(char::to_lowercase).collect();
     let letters = name.chars().count();
-    let ranked: Vec<_> = known.map(|k| (edit_distance(&name, &k.to_lowercase()), k)).collect();
+    let ranked: Vec<_> = known.iter().map(|(own, k)| (edit_distance(&name, own), *k)).collect();
     let near = ranked.iter().filter(|(edits, k)| 2 * edits <= letters.min(k.chars().count())).min();
     let begun = || ranked.iter().filter(|(_, k)| letters >= 3 && k.to_lowercase().starts_with(&name)).min();
-    near.or_else(begun).map(|(_, k)| *k)
+    let initials = |own: &str| own.split('_').filter_map(|word| word.chars().next()).collect::<String>();
+    let short = || known.iter().find(|(own, _)| letters >= 2 && initials(own) == name).map(|(_, k)| *k);
+    near.or_else(begun).map(|(_, k)| *k).or_else(short)
 }
 
 /// Levenshtein distance, by one row of the usual table.
@@ -258,6 +274,29 @@ mod tests {
         assert_eq!(suggestion("Udpates", &known), " (did you mean 'updates'?)");
         assert_eq!(suggestion("x", &known), "");
         assert_eq!(suggestion("up", &known), "");
+    }
+
+    #[test]
+    fn initials_are_suggested_whole() {
+        let known = ["learning_rate", "updates", "n_env", "max_grad_norm"].map(String::from);
+        for (name, word) in
+            [("lr", "learning_rate"), ("LR", "learning_rate"), ("ne", "n_env"), ("mgn", "max_grad_norm")]
+        {
+            assert_eq!(suggestion(name, &known), format!(" (did you mean '{word}'?)"));
+        }
+        assert_eq!(suggestion("l", &known), "");
+    }
+
+    #[test]
+    fn endless_names_are_refused_at_once_and_shown_by_their_beginning() {
+        let known = vec!["hummingbird".to_string(), "firefly".to_string()];
+        for (letter, n) in [("A", 10_000_000), ("é", 5_000_000), ("firefly", 2_000_000)] {
+            let (name, begun) = (letter.repeat(n), std::time::Instant::now());
+            let text = Error::Unknown { kind: "vehicle", name, known: known.clone() }.to_string();
+            assert!(text.chars().count() < 300 && text.contains("…'. Known:"), "{text}");
+            assert!(begun.elapsed().as_secs_f64() < 1.0, "{letter}: {:?}", begun.elapsed());
+        }
+        assert_eq!(suggestion("fireflyes", &known), " (did you mean 'firefly'?)");
     }
 
     #[test]

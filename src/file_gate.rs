@@ -23,18 +23,30 @@ fn regular(path: &Path, about: &Metadata) -> Result<()> {
     if about.is_file() {
         return Ok(());
     }
-    Err(Error::Format {
-        file: path.display().to_string(),
-        place: "the file".into(),
-        rule: "is not a regular file".into(),
-        remedy: "Give the path of a file, not of a folder, link, pipe or device.".into(),
-    })
+    let found = match about.file_type() {
+        kind if kind.is_dir() => "a folder",
+        kind if kind.is_symlink() => "a link",
+        _ => "a pipe or a device",
+    };
+    Err(Error::value(path.display().to_string(), found, "a regular file", "Give the path of a file."))
+}
+
+/// Refuses a folder within a folder of ours that is a link: it leads to files of others.
+///
+/// # Errors
+/// [`Error::Value`].
+pub fn own_folder(path: &Path) -> Result<()> {
+    if !std::fs::symlink_metadata(path).is_ok_and(|about| about.is_symlink()) {
+        return Ok(());
+    }
+    let value = format!("'{}', a link", path.display());
+    Err(Error::value("folder of a run", value, "a folder of its own", "Remove the link, or name another folder."))
 }
 
 /// A regular file, or a link to one, and its length.
 ///
 /// # Errors
-/// [`Error::File`] if there is none or it cannot be read, [`Error::Format`] for anything else of that name.
+/// [`Error::File`] if there is none or it cannot be read, [`Error::Value`] for anything else of that name.
 pub fn open(path: &Path) -> Result<(File, u64)> {
     let refused = |e| Error::file(path, e);
     regular(path, &std::fs::metadata(path).map_err(refused)?)?;
@@ -47,7 +59,7 @@ pub fn open(path: &Path) -> Result<(File, u64)> {
 /// A file of ours that is read or written in place: no link, which may lead anywhere.
 ///
 /// # Errors
-/// [`Error::Format`] if the name stands for anything but a regular file.
+/// [`Error::Value`] if the name stands for anything but a regular file.
 pub(crate) fn own(path: &Path) -> Result<()> {
     std::fs::symlink_metadata(path).map_or(Ok(()), |about| regular(path, &about))
 }
@@ -78,7 +90,7 @@ pub fn read(path: &Path, limit: u64) -> Result<Vec<u8>> {
 /// The text of a file of at most `limit` bytes.
 ///
 /// # Errors
-/// [`Error::File`] if the disk refuses, [`Error::Format`] for what is no regular file and for bytes that are no UTF-8,
+/// [`Error::File`] if the disk refuses, [`Error::Value`] for what is no regular file, [`Error::Format`] for bytes that are no UTF-8,
 /// [`Error::Limit`] above the limit.
 pub fn read_text(path: &Path, limit: u64) -> Result<String> {
     String::from_utf8(read(path, limit)?).map_err(|error| Error::Format {
@@ -104,7 +116,7 @@ pub(crate) fn read_own(path: &Path, limit: u64) -> Result<Vec<u8>> {
 /// A file of ours, made if it is not there, for lines at its end.
 ///
 /// # Errors
-/// [`Error::File`] if the disk refuses, [`Error::Format`] for a link or a device.
+/// [`Error::File`] if the disk refuses, [`Error::Value`] for a link or a device.
 pub(crate) fn append(path: &Path) -> Result<File> {
     own(path)?;
     OpenOptions::new().create(true).append(true).open(path).map_err(|e| Error::file(path, e))
@@ -257,7 +269,7 @@ mod tests {
             std::fs::remove_file(&path).unwrap();
             std::os::unix::fs::symlink(&foreign, &path).unwrap();
             for refused in [append(&path).map(drop), read_own(&path, 100).map(drop)] {
-                assert!(refused.unwrap_err().to_string().contains("is not a regular file"));
+                assert!(refused.unwrap_err().to_string().contains("but it must be a regular file"));
             }
             replace(&path, "ours").unwrap();
             assert_eq!(std::fs::read_to_string(&foreign).unwrap(), "theirs");
@@ -273,7 +285,7 @@ mod tests {
         let begun = Instant::now();
         for path in [pipe.as_path(), Path::new("/dev/zero"), folder.path()] {
             for refused in [read(path, 10).map(drop), append(path).map(drop), own(path)] {
-                assert!(refused.unwrap_err().to_string().contains("is not a regular file"), "{path:?}");
+                assert!(refused.unwrap_err().to_string().contains("but it must be a regular file"), "{path:?}");
             }
         }
         assert!(begun.elapsed() < Duration::from_secs(1)); // measured 0.1 ms

@@ -435,7 +435,7 @@ impl FlightLog {
         let failed = |e: csv::Error| Error::file(path, e.into());
         crate::file_gate::replace_with(path, |file| {
             let mut writer = csv::Writer::from_writer(std::io::BufWriter::new(file));
-            writer.write_record(self.csv_header()).map_err(failed)?;
+            writer.write_record(self.csv_header().iter().map(|name| crate::names::cell(name))).map_err(failed)?;
             let mut row = Vec::new();
             for i in 0..self.len() {
                 self.csv_row(i, &mut row);

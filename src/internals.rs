@@ -5,9 +5,13 @@ mod compiled;
 pub use self::compiled::{Certified, Timed, ToOrigin, body_poses, contact_forces, energies, step_plant};
 pub use crate::dynamics::contact::force::force as contact_force;
 pub use crate::dynamics::integrate::{Grid, step};
-pub use crate::file_gate::{UNFINISHED_NAME, read_text, remove_unfinished, replace, replace_with};
+pub use crate::file_gate::{UNFINISHED_NAME, own_folder, read_text, remove_unfinished, replace, replace_with};
+pub use crate::names::{cell, quoted_cell, steers};
 pub use crate::reader::{of_json, of_toml};
+pub use crate::rl::checkpoint::store::{check_removable, remove_checkpoints};
+pub use crate::rl::ending::{Left, ask as ask_to_end, wait as wait_to_end};
 pub use crate::rl::policy::ROWS;
+pub use crate::rl::search::told as told_search;
 pub use crate::rl::shards::{Shard, shards};
 pub use crate::tasks::env::check::check_env_for;
 

@@ -97,6 +97,7 @@ mod golden;
 pub mod internals;
 pub mod layers;
 mod memory;
+pub(crate) mod names;
 pub mod parallel;
 pub mod prelude;
 pub(crate) mod reader;

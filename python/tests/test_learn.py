@@ -63,7 +63,7 @@ def test_a_run_in_a_folder_goes_on_to_the_same_bits(tmp_path):
     for path in (tmp_path / "b", rest.checkpoint):
         saved = omnidrones.load_policy(path)
         assert saved.task == "Hover" and np.array_equal(saved.parameters(), whole.policy.parameters())
-    with pytest.raises(ValueError, match="in use"):
+    with pytest.raises(ValueError, match="holds a run already"):
         omnidrones.train("Hover", folder=tmp_path / "b", **SMALL)
 
 

@@ -171,7 +171,7 @@ mod tests {
         let message = Vehicle::from_toml_file(&path).unwrap_err().to_string();
         assert!(message.contains("1099511627776 bytes, over the limit of 16777216 bytes"), "{message}");
         let message = Vehicle::from_toml_file(folder.path()).unwrap_err().to_string();
-        assert!(message.contains("not a regular file"), "{message}");
+        assert!(message.contains("must be a regular file"), "{message}");
     }
 
     #[test]

@@ -56,6 +56,8 @@ with_defaults! {
     pub struct Checkpoints {
         /// Updates between two; 0 for none before the end.
         pub every: u64 = 100,
+        /// Seconds of training after which one is made in between; 0 for none. At least fifty times as long as the last one took.
+        pub seconds: u64 = 60,
         /// How many of the newest stay, 2 or more.
         pub keep: usize = 2,
     }
@@ -134,10 +136,11 @@ pub(super) const NOT_OF_ENV: [(&str, &str); 4] = [
 ];
 
 /// Settings that came after rows were trained, whose defaults change nothing.
-const LATER: [&str; 16] = [
+const LATER: [&str; 17] = [
     "env.residual",
     "env.easier",
     "env.truncate_after",
+    "checkpoint.seconds",
     "ppo.team",
     "ppo.target_kl",
     "ppo.stop_kl",

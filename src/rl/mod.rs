@@ -78,6 +78,7 @@ pub(crate) mod critic;
 pub(crate) mod curriculum;
 pub mod dagger;
 pub mod dqn;
+pub(crate) mod ending;
 pub(crate) mod evaluate;
 pub(crate) mod experience;
 pub(crate) mod gae;

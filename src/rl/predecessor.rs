@@ -1,5 +1,6 @@
 //! The policy that a run begins from: that of another run, or one that is trained first by its recipe.
 
+use super::algorithm;
 use super::config::{NOT_OF_ENV, TrainConfig};
 use super::learner::unwritable;
 use super::policy::{Actor, Policy};
@@ -7,7 +8,7 @@ use super::recipes::{USUAL, recipes_of};
 use super::warm_start::WarmStart;
 use crate::error::{Error, Result};
 use crate::layers::{self, Layer, merge};
-use crate::tasks::{Env, EnvConfig, Spec};
+use crate::tasks::{Env, EnvConfig, Spec, registry};
 use std::path::Path;
 use toml::{Table, Value};
 
@@ -41,7 +42,8 @@ pub(crate) fn checked(config: &TrainConfig) -> Result<Option<(String, TrainConfi
 /// As [`TrainConfig::layered`]; [`Error::Value`] for what is neither a folder nor a task, and for settings of what is trained already.
 pub(crate) fn predecessor_config(config: &TrainConfig) -> Result<Option<(String, TrainConfig)>> {
     let from = &config.from;
-    if from.is_empty() || from == SAFE || Path::new(from).is_dir() {
+    // names win: what lies about is no reason to begin from something else
+    if from.is_empty() || from == SAFE || !is_named(from) && Path::new(from).is_dir() {
         if !config.from_settings.is_empty() {
             let remedy = "Leave from_settings out: what is there has its own.";
             return Err(Error::value("from", format!("'{from}'"), "a task where there are from_settings", remedy));
@@ -59,6 +61,14 @@ pub(crate) fn predecessor_config(config: &TrainConfig) -> Result<Option<(String,
     let settings = Layer::of_table("from_settings", config.from_settings.clone());
     let own = TrainConfig::layered(task, algorithm, &[inherited(config, algorithm.unwrap_or(usual))?, settings])?;
     Ok(Some((task.into(), own)))
+}
+
+/// Whether it says what is trained first: a task, an algorithm, or both.
+fn is_named(from: &str) -> bool {
+    let (task, algorithm) = from.split_once('/').unwrap_or((from, ""));
+    let task_known = task.is_empty() || registry::by_name(task).is_ok();
+    let algorithm_known = algorithm.is_empty() || algorithm::by_name(algorithm::base(algorithm)).is_ok();
+    from != "/" && task_known && algorithm_known
 }
 
 pub(super) fn spec(task: &str, config: &TrainConfig) -> Result<Spec> {

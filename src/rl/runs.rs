@@ -1,12 +1,13 @@
 //! Several runs in one process, side by side: seeds of one, or one of several settings; and what they say together.
 //!
 //! With at least as many runs as threads each runs on a thread of its own, so that none waits for another; with fewer, they
-//! share the threads. The bits of a run are those that it has alone.
+//! share the threads. The bits of a run are those that it has alone. Their folders are no links: one leads to another run.
 
 use super::config::TrainConfig;
 use super::predecessor::predecessor_config;
 use super::trainer::{Progress, TrainResult, Trainer};
 use crate::error::Result;
+use crate::file_gate;
 use crate::parallel::Threads;
 use crate::tasks::{Buffers, Env, EnvConfig};
 use serde::{Deserialize, Serialize};
@@ -55,6 +56,7 @@ pub fn train(
 }
 
 fn one(run: &Run, threads: Threads, watch: &mut dyn FnMut(&Progress<'_>)) -> Result<TrainResult> {
+    file_gate::own_folder(&run.folder)?;
     let mut trainer = Trainer::new(&run.config.task, run.config.clone(), threads)?.in_folder(&run.folder, true)?;
     trainer.run_until(run.until, &mut |progress| {
         watch(progress);

@@ -78,6 +78,7 @@ pub struct SearchResult {
 
 /// On disk: what was asked, and what is known of it.
 #[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 struct Known {
     candidates: BTreeMap<String, String>,
     seeds: Vec<u64>,
@@ -114,13 +115,9 @@ impl Search {
         threads: &Threads,
         watch: &(dyn Fn(usize, u64, &Progress<'_>) + Sync),
     ) -> Result<SearchResult> {
-        for (what, n, least) in
-            [("candidates", self.candidates.len(), 1), ("seeds", self.seeds.len(), 1), ("factor", self.factor, 2)]
-        {
-            if n < least {
-                let remedy = "3 candidates or more, 2 seeds or more and a factor of 3 are usual.";
-                return Err(Error::value(format!("{what} of the search"), n, format!("≥ {least}"), remedy));
-            }
+        self.check_asked()?;
+        for (name, _) in &self.candidates {
+            file_gate::own_folder(&folder.join(name))?;
         }
         let mut known = self.known(folder)?;
         // from the beginning: a search that is killed on its first rung is one
@@ -136,10 +133,22 @@ impl Search {
                 save(&known, folder)?;
             }
             let trials: Vec<&Trial> = known.trials.iter().filter(|trial| trial.rung == rung).collect();
-            let kept = if rung + 1 < self.rungs() { alive.len().div_ceil(self.factor) } else { 1 };
-            alive = best(&trials, kept);
+            alive = best(&trials, self.kept(rung, alive.len()));
         }
         Ok(SearchResult { trials: known.trials, winner: alive[0], failures: known.failures })
+    }
+
+    /// That there is something to search.
+    fn check_asked(&self) -> Result<()> {
+        for (what, n, least) in
+            [("candidates", self.candidates.len(), 1), ("seeds", self.seeds.len(), 1), ("factor", self.factor, 2)]
+        {
+            if n < least {
+                let remedy = "3 candidates or more, 2 seeds or more and a factor of 3 are usual.";
+                return Err(Error::value(format!("{what} of the search"), n, format!("≥ {least}"), remedy));
+            }
+        }
+        Ok(())
     }
 
     fn rung(
@@ -195,15 +204,102 @@ impl Search {
         if path.symlink_metadata().is_err() {
             return Ok(own);
         }
-        let text = file_gate::read_text(&path, file_gate::MAX_LOG)?;
-        let remedy = "Search anew in another folder (--out), or replace this one (--force).";
-        let known: Known = reader::of_json(text.as_bytes(), &path.display().to_string(), remedy)?;
+        let known = read(&path)?;
         if (&known.candidates, &known.seeds, known.factor) != (&own.candidates, &own.seeds, own.factor) {
             let value = format!("'{}', of other settings, seeds or factor", folder.display());
             return Err(Error::value("folder of the search", value, "new or that of this search", "Name another one."));
         }
+        self.check(&known, &path)?;
         Ok(known)
     }
+
+    /// Checks what a file tells of the rungs of this search.
+    fn check(&self, known: &Known, path: &Path) -> Result<()> {
+        let mut alive: Vec<usize> = (0..self.candidates.len()).collect();
+        for (i, trial) in known.trials.iter().enumerate() {
+            if let Some(rule) = self.fault(trial, &known.trials[..i]) {
+                return Err(damaged(path, format!("trials[{i}]"), rule));
+            }
+        }
+        for rung in 0..self.rungs() {
+            let trials: Vec<&Trial> = known.trials.iter().filter(|trial| trial.rung == rung).collect();
+            if let Some(trial) = trials.iter().find(|trial| !alive.contains(&trial.candidate)) {
+                let rule = format!("candidate {} did not come to it", trial.candidate);
+                return Err(damaged(path, format!("trials of rung {rung}"), rule));
+            }
+            // one that was not over says nothing about the next
+            alive = if trials.len() < alive.len() { Vec::new() } else { best(&trials, self.kept(rung, alive.len())) };
+        }
+        let all = known.failures.iter().enumerate();
+        let mut unknown = all.filter(|(_, (c, seed, _))| *c >= self.candidates.len() || !self.seeds.contains(seed));
+        unknown.next().map_or(Ok(()), |(i, (candidate, seed, _))| {
+            let rule = format!("there is no candidate {candidate} with seed {seed}");
+            Err(damaged(path, format!("failures[{i}]"), rule))
+        })
+    }
+
+    /// What is wrong with a trial that stands behind these.
+    fn fault(&self, trial: &Trial, before: &[Trial]) -> Option<String> {
+        let Trial { candidate, rung, updates, scores } = trial;
+        if *candidate >= self.candidates.len() || *rung >= self.rungs() {
+            let (n, rungs) = (self.candidates.len(), self.rungs());
+            return Some(format!("candidate {candidate} on rung {rung}: there are {n} candidates and {rungs} rungs"));
+        }
+        if before.iter().any(|other| (other.candidate, other.rung) == (*candidate, *rung)) {
+            return Some(format!("candidate {candidate} on rung {rung} stands there twice"));
+        }
+        if scores.len() != self.seeds.len() {
+            return Some(format!("{} scores for {} seeds", scores.len(), self.seeds.len()));
+        }
+        let wanted = self.updates(*candidate, *rung);
+        if *updates != wanted {
+            return Some(format!("{updates} updates, where the rung has {wanted}"));
+        }
+        let sound = |s: &Score| (0.0..=1.0).contains(&s.success) && s.share_of_bound.is_finite();
+        let wrong = scores.iter().flatten().find(|score| !sound(score))?;
+        Some(format!("success {} or share_of_bound {} is out of range", wrong.success, wrong.share_of_bound))
+    }
+
+    /// How many go on from a rung to which so many came.
+    fn kept(&self, rung: usize, alive: usize) -> usize {
+        if rung + 1 < self.rungs() { alive.div_ceil(self.factor) } else { 1 }
+    }
+}
+
+/// A search as its folder tells it: what was asked, and what is known.
+///
+/// # Errors
+/// [`Error::File`], [`Error::Limit`] and [`Error::Format`] for a file that cannot be read, or tells what cannot be.
+pub fn told(folder: &Path) -> Result<(Search, Vec<Trial>, Vec<(usize, u64, String)>)> {
+    let path = folder.join(FILE);
+    let known = read(&path)?;
+    let candidate = |k: usize| {
+        let name = format!("c{k}");
+        let Some(text) = known.candidates.get(&name) else {
+            let rule = format!("they are not called c0 to c{}", known.candidates.len() - 1);
+            return Err(damaged(&path, "candidates", rule));
+        };
+        let config = TrainConfig::from_toml(text, "its settings");
+        let config = config.map_err(|error| damaged(&path, format!("candidate {name}"), error.to_string()))?;
+        Ok((name, config))
+    };
+    let candidates = (0..known.candidates.len()).map(candidate).collect::<Result<_>>()?;
+    let search = Search { candidates, seeds: known.seeds.clone(), factor: known.factor };
+    search.check_asked().map_err(|error| damaged(&path, "what was asked", error.to_string()))?;
+    search.check(&known, &path)?;
+    Ok((search, known.trials, known.failures))
+}
+
+fn read(path: &Path) -> Result<Known> {
+    let text = file_gate::read_text(path, file_gate::MAX_LOG)?;
+    reader::of_json(text.as_bytes(), &path.display().to_string(), REMEDY)
+}
+
+const REMEDY: &str = "Search anew in another folder (--out), or replace this one (--force).";
+
+fn damaged(path: &Path, place: impl Into<String>, rule: impl Into<String>) -> Error {
+    let file = path.display().to_string();
+    Error::Format { file, place: place.into(), rule: rule.into(), remedy: REMEDY.into() }
 }
 
 fn save(known: &Known, folder: &Path) -> Result<()> {
@@ -261,6 +357,71 @@ mod tests {
         ];
         let all: Vec<&Trial> = all.iter().collect();
         assert_eq!((best(&all, 1), best(&all, 2), best(&all, 3)), (vec![3], vec![1, 3], vec![1, 2, 3]));
+    }
+
+    /// What a search of four candidates with two seeds and a factor of two tells after two of its three rungs.
+    fn sound() -> (Search, serde_json::Value) {
+        let own = search(4, 2);
+        let trial = |candidate: usize, rung: usize| Trial {
+            candidate,
+            rung,
+            updates: own.updates(candidate, rung),
+            scores: vec![Some(Score { success: 0.1 * candidate as f64, share_of_bound: 0.5 }), None],
+        };
+        let known = Known {
+            candidates: own.candidates.iter().map(|(name, c)| (name.clone(), c.to_toml().unwrap())).collect(),
+            seeds: own.seeds.clone(),
+            factor: own.factor,
+            trials: [(0, 0), (1, 0), (2, 0), (3, 0), (2, 1), (3, 1)].map(|(c, rung)| trial(c, rung)).into(),
+            failures: vec![(0, 4, "why".into())],
+        };
+        (own, serde_json::to_value(&known).unwrap())
+    }
+
+    #[test]
+    fn a_file_that_tells_what_cannot_be_is_refused_with_its_place_and_nothing_is_trained() {
+        use serde_json::{Value, json};
+        let (own, sound) = sound();
+        let folder = tempfile::tempdir().unwrap();
+        let write = |value: &Value| std::fs::write(folder.path().join(FILE), value.to_string()).unwrap();
+        write(&sound);
+        assert!(told(folder.path()).is_ok_and(|(search, trials, failures)| {
+            (search.candidates.len(), trials.len(), failures.len()) == (4, 6, 1)
+        }));
+        let forged: Vec<(&str, Value, &str)> = vec![
+            ("/failures/0/0", json!(99), "failures[0]"),
+            ("/failures/0/1", json!(9), "failures[0]"),
+            ("/trials/0/candidate", json!(4), "trials[0]"),
+            ("/trials/3/candidate", json!(u64::from(u32::MAX)), "trials[3]"),
+            ("/trials/2/candidate", json!(0), "trials[2]: candidate 0 on rung 0 stands there twice"),
+            ("/trials/5/candidate", json!(1), "trials of rung 1: candidate 1 did not come to it"),
+            ("/trials/4/rung", json!(7), "trials[4]"),
+            ("/trials/4/rung", json!(2), "trials[4]: 5 updates, where the rung has 9"),
+            ("/trials/1/updates", json!(1), "trials[1]"),
+            ("/trials/1/scores", json!([]), "trials[1]: 0 scores for 2 seeds"),
+            ("/trials/1/scores", json!([null, null, null]), "trials[1]: 3 scores"),
+            ("/trials/1/scores/0/success", json!(2.0), "trials[1]: success 2"),
+            ("/trials/1/scores/0/success", json!(null), "success"),
+            ("/trials/1/scores/0/share_of_bound", json!("x"), "share_of_bound"),
+            ("/trials", json!([sound["trials"][4]]), "trials of rung 1"),
+            ("/trials", json!({}), "trials"),
+            ("/seeds", json!([]), "seeds of the search"),
+            ("/factor", json!(1), "factor of the search"),
+            ("/factor", json!(0), "factor of the search"),
+            ("/candidates", json!({}), "candidates of the search"),
+            ("/candidates", json!({ "a": sound["candidates"]["c0"], "b": sound["candidates"]["c1"] }), "not called c0"),
+            ("/candidates/c1", json!("task = 'Nothing'"), "Nothing"),
+            ("/candidates/c1", json!("["), "candidate c1"),
+        ];
+        for (place, value, words) in forged {
+            let mut own_file = sound.clone();
+            *own_file.pointer_mut(place).unwrap() = value.clone();
+            write(&own_file);
+            let text = told(folder.path()).err().unwrap_or_else(|| panic!("{place} = {value}")).to_string();
+            assert!(text.contains(words) && text.contains(FILE), "{place} = {value}: {text}");
+            let run = own.run(folder.path(), &Threads::new(1).unwrap(), &|_, _, _| panic!("{place} = {value}"));
+            assert!(run.is_err(), "{place} = {value}");
+        }
     }
 
     #[test]

@@ -27,6 +27,7 @@ use super::checkpoint::{Checkpoint, Manifest, Skipped, Store, Tensors, Writer, c
 use super::config::TrainConfig;
 use super::config_diff::described;
 use super::curriculum::{Difficulty, GoodEpisode};
+use super::ending::{AtWork, Left};
 use super::evaluate::{Starts, evaluate};
 use super::learner::{Episodes, Learner, Update};
 use super::log::{Curve, Line, Log};
@@ -97,6 +98,24 @@ struct Files {
     writer: Writer,
     saved: Option<u64>,
     skipped: Vec<Skipped>,
+    /// When the last checkpoint was made, or the run went on, and how long that took.
+    last: (Instant, Duration),
+}
+
+/// A checkpoint takes at most a share of 1 / so many of the time, where it is made because of the time.
+const SPARING: u32 = 50;
+
+impl Files {
+    /// Whether it is time for a checkpoint, whatever the number of updates.
+    fn is_due(&self, seconds: u64) -> bool {
+        let (made, took) = self.last;
+        is_late(seconds, made.elapsed(), took)
+    }
+}
+
+/// Whether a checkpoint is late that was last made so long ago and took so long.
+fn is_late(seconds: u64, ago: Duration, took: Duration) -> bool {
+    seconds > 0 && ago >= Duration::from_secs(seconds).max(took.saturating_mul(SPARING))
 }
 
 /// Sees every update, and may break behind it.
@@ -199,7 +218,8 @@ impl Trainer {
         let folder = folder.as_ref();
         if !resume && is_run(folder) {
             let remedy = "Go on with it (--resume), replace it (--force), or name another folder.";
-            return Err(Error::value("folder of the run", format!("'{}', in use", folder.display()), "new", remedy));
+            let value = format!("'{}', which holds a run already", folder.display());
+            return Err(Error::value("folder of the run", value, "new", remedy));
         }
         check_own(folder)?;
         if !is_run(folder) {
@@ -223,7 +243,8 @@ impl Trainer {
         let (log, lines) = Log::open(folder, self.update, self.config.tensorboard)?;
         self.curve = lines.into_iter().collect();
         let saved = (self.update > 0).then_some(self.update);
-        self.files = Some(Files { folder: folder.to_path_buf(), log, writer, saved, skipped });
+        let last = (Instant::now(), Duration::ZERO);
+        self.files = Some(Files { folder: folder.to_path_buf(), log, writer, saved, skipped, last });
         Ok(self)
     }
 
@@ -333,6 +354,7 @@ impl Trainer {
             return Err(Error::value("updates at which to pause", until, format!("≥ {}", self.done()), remedy));
         }
         let mut stopped = self.begin(watch)? || !self.is_over() && self.done() == until;
+        let at_work = AtWork::begin();
         while !stopped && !self.is_over() {
             let mut last = self.learner.update()?;
             self.update += 1;
@@ -340,12 +362,28 @@ impl Trainer {
             self.since.add(&last);
             last.phases.iter().for_each(|(name, time)| self.phases.add(name, *time));
             self.keep(&last)?;
+            if at_work.is_asked() {
+                let left = self.leave();
+                at_work.rest(left);
+            }
             stopped = watch(&self.progress(&last)).is_break() || !self.is_over() && self.done() == until;
             if stopped && self.since.updates > 0 {
                 self.log(&last, None)?;
             }
         }
         self.finish(stopped)
+    }
+
+    /// Saves before the process ends.
+    fn leave(&mut self) -> Left {
+        let Some(saved) = self.files.as_ref().map(|files| files.saved) else {
+            return Left::Lost(format!("a run of {} is kept nowhere", self.task));
+        };
+        let kept = if saved == Some(self.update) { Ok(()) } else { self.save() };
+        match kept {
+            Ok(()) => Left::Saved(self.folder().map(Path::to_path_buf).unwrap_or_default(), self.update),
+            Err(error) => Left::Lost(error.to_string()),
+        }
     }
 
     /// Takes the weights of the policy to begin from, where there is one and nothing is learnt yet. Gives whether its training
@@ -411,11 +449,13 @@ impl Trainer {
             self.evaluation = Some(self.evaluate()?);
         }
         let saves = due(self.config.checkpoint.every) && self.files.is_some();
+        let seconds = self.config.checkpoint.seconds;
+        let late = self.files.as_ref().is_some_and(|files| files.is_due(seconds));
         if evaluated || saves || due(self.config.log_every) {
             let figures = self.evaluation.clone().filter(|_| evaluated);
             self.log(last, figures.as_ref())?;
         }
-        if saves {
+        if saves || late {
             self.save()?;
         }
         Ok(())
@@ -494,6 +534,7 @@ impl Trainer {
             files.log.sync()?;
             files.writer.save(&Checkpoint { manifest, policy, state })?;
             files.saved = Some(self.update);
+            files.last = (Instant::now(), begun.elapsed());
         }
         self.phases.add(SAVE, begun.elapsed());
         self.since.phases.add(SAVE, begun.elapsed());
@@ -677,5 +718,19 @@ impl Since {
         phases.add(SAVE, Duration::ZERO);
         phases.shares().into_iter().for_each(|(name, share)| line.put(format!("time_{name}"), share));
         line
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_checkpoint_is_late_after_its_seconds_and_takes_a_fiftieth_of_the_time_at_most() {
+        let of = |seconds: u64, ago: f64, took: f64| {
+            is_late(seconds, Duration::from_secs_f64(ago), Duration::from_secs_f64(took))
+        };
+        assert!(!of(0, 1e6, 0.0) && !of(60, 59.9, 0.1) && of(60, 60.0, 0.1) && of(60, 60.0, 1.2));
+        assert!(!of(60, 60.0, 2.0) && !of(60, 99.9, 2.0) && of(60, 100.0, 2.0));
     }
 }

@@ -512,6 +512,75 @@ fn damaged_or_foreign_bytes_are_refused_and_change_nothing() {
     env.load(&saved).unwrap();
 }
 
+/// Bytes with a sum that fits them: FNV-1a, 64 bits.
+fn sealed(mut bytes: Vec<u8>) -> Vec<u8> {
+    let end = bytes.len() - 8;
+    let sum = bytes[..end]
+        .iter()
+        .fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01b3));
+    bytes[end..].copy_from_slice(&sum.to_le_bytes());
+    bytes
+}
+
+#[test]
+fn forged_bytes_under_a_sum_that_fits_are_refused_whole_or_give_finite_numbers() {
+    let sensors = "[[sensor]]\nname = 'imu'\nkind = 'imu'\npreset = 'bmi088'\nlatency = 2\n\
+                   [[sensor]]\nname = 'front'\nkind = 'camera'\nsize = [4, 4]\npreset = 'd435'\nlatency = 0\n";
+    let normal = "observation = [{ kind = 'normalise' }]\n";
+    for (task, text) in
+        [("Hover", ""), ("Hover", sensors), ("Hover", normal), ("Forest", ""), ("PayloadHover", sensors)]
+    {
+        let mut env = Env::make(task, &EnvConfig::from_toml(&format!("n_env = 70\n{text}"), "t").unwrap()).unwrap();
+        let mut out = Buffers::new(env.spec());
+        // before the first reset, and after it
+        env.load(&env.save()).unwrap_or_else(|e| panic!("{task}: {e}"));
+        env.reset(None, None, &mut out.out()).unwrap();
+        let mut actions = vec![0.0; 70 * env.spec().n_agent * env.spec().action.len()];
+        for t in 0..5 {
+            env.sample(t, &mut actions);
+            env.step(&actions, &mut out.out()).unwrap();
+        }
+        let saved = env.save();
+        let mut stream = Stream::new(5, 0, 0, Purpose::user(5));
+        let mut refused = 0;
+        for round in 0..120 {
+            let mut bytes = saved.clone();
+            // what is no number at one place or at several, of four or of eight bytes
+            let word: &[u8] = match round % 5 {
+                0 => &f32::NAN.to_le_bytes(),
+                1 => &f32::NEG_INFINITY.to_le_bytes(),
+                2 => &f64::NAN.to_le_bytes(),
+                3 => &f64::INFINITY.to_le_bytes(),
+                _ => &0.5_f64.to_le_bytes(),
+            };
+            for _ in 0..1 + round % 3 {
+                let places = (bytes.len() - 24) / word.len();
+                let mut at = 16 + stream.below(places as u64) as usize * word.len();
+                if round % 2 == 0 {
+                    // near the end: sensors and statistics of the second block
+                    at = at.max(bytes.len() - 8 - word.len() * (1 + stream.below(40) as usize));
+                }
+                bytes[at..at + word.len()].copy_from_slice(word);
+            }
+            match env.load(&sealed(bytes)) {
+                Err(error) => {
+                    let text = error.to_string();
+                    assert!(text.contains("saved "), "{text}");
+                    assert!(env.save() == saved, "{task}, round {round}: changed though refused: {text}");
+                    refused += 1;
+                }
+                Ok(()) => {
+                    env.step(&actions, &mut out.out()).unwrap();
+                    assert!(out.observation.iter().chain(&out.reward).all(|x| x.is_finite()), "{task}, round {round}");
+                    env.load(&saved).unwrap();
+                }
+            }
+        }
+        println!("{task} {text:?}: {refused} of 120 refused");
+        assert!(refused > 60, "{task}: {refused}");
+    }
+}
+
 #[test]
 fn a_staggered_batch_does_not_run_out_of_time_at_once() {
     let base = EnvConfig { stagger: true, autoreset: Autoreset::SameStep, ..config(512, 50) };

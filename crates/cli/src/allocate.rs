@@ -192,8 +192,11 @@ impl Answer {
 
     /// ‖delivered − wanted‖ with moments divided by the length, N.
     fn missing(&self, delivered: &[f64; WRENCH]) -> f64 {
-        let e = (0..WRENCH).map(|k| (delivered[k] - self.wanted[k]) / if k < 3 { 1.0 } else { self.length });
-        e.map(|e| e * e).sum::<f64>().sqrt()
+        let e: Vec<f64> =
+            (0..WRENCH).map(|k| (delivered[k] - self.wanted[k]) / if k < 3 { 1.0 } else { self.length }).collect();
+        // squares of the largest numbers are none
+        let most = e.iter().fold(0.0, |most: f64, e| most.max(e.abs()));
+        if most == 0.0 { 0.0 } else { most * e.iter().map(|e| (e / most) * (e / most)).sum::<f64>().sqrt() }
     }
 }
 

@@ -300,6 +300,18 @@ impl Outputs {
     pub fn text(&mut self, name: &str, text: String) -> Result<()> {
         self.put(name, |path| files::replace(path, text.as_bytes()))
     }
+
+    /// What was written. The page and those pictures of an earlier command there that were not written anew are of another
+    /// flight, and go.
+    pub fn done(self, is_picture: impl Fn(&str) -> bool) -> Result<Vec<PathBuf>> {
+        if !self.written.is_empty() {
+            files::remove_stale(&self.folder, &self.written, &|name| {
+                let stem = name.strip_suffix(".png").or_else(|| name.strip_suffix(".svg"));
+                name == files::REPLAY || stem.is_some_and(&is_picture)
+            })?;
+        }
+        Ok(self.written)
+    }
 }
 
 /// Group of the files that a command is told to write: `--force` is for any of them.
@@ -370,9 +382,10 @@ impl ThreadArguments {
     }
 }
 
-/// Names that `--algo` takes.
-pub fn algorithms() -> PossibleValuesParser {
-    PossibleValuesParser::new(algorithm::names().into_iter().chain(algorithm::VARIANTS.iter().map(|own| own.name)))
+/// Names that `--algo` takes, in any case where the argument ignores it.
+pub fn algorithms() -> impl TypedValueParser<Value = String> {
+    let names = algorithm::names().into_iter().chain(algorithm::VARIANTS.iter().map(|own| own.name));
+    PossibleValuesParser::new(names).map(|name| name.to_lowercase())
 }
 
 /// Refuses gains for a controller that has none: optimal feedback of a rigid vehicle.
@@ -393,12 +406,15 @@ pub fn is_optimal(name: &str) -> bool {
 
 /// A reference of a name or in a file, checked.
 pub fn reference(named: &str) -> Result<Reference> {
-    let reference = if is_path(named) { files::read_toml(Path::new(named))? } else { Reference::by_name(named)? };
+    let reference = match Reference::by_name(named) {
+        Err(_) if is_path(named) => files::read_toml(Path::new(named))?,
+        known => known?,
+    };
     reference.validate()?;
     Ok(reference)
 }
 
-/// Whether an argument that may be a name or a file means a file.
+/// Whether an argument that may be a name or a file means a file, where it is no name: names win.
 pub fn is_path(text: &str) -> bool {
     let path = Path::new(text);
     text.contains(['/', '\\']) || path.extension().is_some() || path.exists()

@@ -157,13 +157,13 @@ impl EnvArguments {
 
     /// The options as layers in the form of a run: settings of environments under `env`. `task` has the last word on what
     /// its own settings are.
-    pub fn options(&self, task: Option<&Entry>) -> Result<Vec<Layer>> {
+    pub fn options(&self, task: Option<&Entry>, algorithm: Option<&str>) -> Result<Vec<Layer>> {
         let mut layers = Vec::new();
         let mut option = |name: &str, path: &str, value: Value| {
             layers.push(Layer::of_table(name, layers::at(path, value)));
         };
         for (key, value) in &self.set {
-            option(&format!("--set {key}"), &place(key, task)?, value.clone());
+            option(&format!("--set {key}"), &place(key, task, algorithm)?, value.clone());
         }
         if let Some(named) = &self.vehicle {
             if is_file(named) {
@@ -203,7 +203,7 @@ impl EnvArguments {
     /// The environments that were asked for: options over the file, the file over `usual`.
     pub fn config(&self, usual: &EnvConfig, task: Option<&Entry>) -> Result<EnvConfig> {
         let own = self.file("omnidrones tasks TASK --toml")?.map(|file| of_environments(file, task)).transpose()?;
-        let options = self.options(task)?.into_iter().map(|option| of_environments(option, task));
+        let options = self.options(task, None)?.into_iter().map(|option| of_environments(option, task));
         let layers = own.into_iter().map(Ok).chain(options).collect::<Result<Vec<_>>>()?;
         let config: EnvConfig = layers::read(toml::Table::try_from(usual).map_err(unwritable)?, &layers)?;
         config.validate()?;
@@ -225,8 +225,8 @@ fn unwritable(error: toml::ser::Error) -> Error {
 }
 
 /// Where a key of `--set` stands in a run: as it is if a run has it, under `env` if environments have it, else among the
-/// settings of the task.
-pub fn place(key: &str, task: Option<&Entry>) -> Result<String> {
+/// settings of the task. One that is none of them is told with what it may mean where that `algorithm`, or the usual one, trains.
+pub fn place(key: &str, task: Option<&Entry>, algorithm: Option<&str>) -> Result<String> {
     let (first, rest) = key.split_once('.').map_or((key, None), |(first, rest)| (first, Some(rest)));
     let (run, env) = (TrainConfig::keys(), EnvConfig::keys());
     let has = |keys: &[String]| keys.iter().any(|own| own == first);
@@ -238,6 +238,14 @@ pub fn place(key: &str, task: Option<&Entry>) -> Result<String> {
             let own = task.map(settings_of).transpose()?;
             match own {
                 Some(own) if !has(&own) => {
+                    let found = task.map(|task| below(first, rest, task, algorithm)).transpose()?.flatten();
+                    if let Some(found) = found {
+                        let limit = "a setting of the run, of its environments or of the task";
+                        let remedy = format!(
+                            "Did you mean '{found}'? 'omnidrones train TASK --toml' prints all with their tables."
+                        );
+                        return Err(Error::value("--set", format!("'{key}', which stands in a table"), limit, remedy));
+                    }
                     let mut known: Vec<String> = own.into_iter().chain(env).chain(run).collect();
                     known.sort();
                     known.dedup();
@@ -247,6 +255,38 @@ pub fn place(key: &str, task: Option<&Entry>) -> Result<String> {
             }
         }
     }
+}
+
+/// Where a key stands in a table of a run of the task by an algorithm, or of the environments: by its own name, or the
+/// beginnings of its words. Of a choice that is the number that it begins with.
+fn below(key: &str, rest: Option<&str>, task: &Entry, algorithm: Option<&str>) -> Result<Option<String>> {
+    fn walk(path: &str, table: &toml::Table, to: &mut Vec<String>) {
+        for (key, value) in table {
+            let own = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
+            match value {
+                Value::Table(inner) => walk(&own, inner, to),
+                _ => to.push(own),
+            }
+        }
+    }
+    let text = TrainConfig::for_task(task.name, algorithm, None)?.to_toml()?;
+    let table = Layer::of_text(&text, "settings")?.table().clone();
+    let mut all = Vec::new();
+    walk("", &table, &mut all);
+    let lower = key.to_lowercase();
+    let initials = |part: &str| part.split('_').filter_map(|word| word.chars().next()).collect::<String>();
+    let by = |is: &dyn Fn(&str) -> bool| {
+        let path = all.iter().find_map(|path| {
+            let parts: Vec<&str> = path.split('.').collect();
+            let at = parts.iter().position(|part| is(part)).filter(|at| *at > 0)?;
+            Some(parts[..=at].join("."))
+        })?;
+        let inner: Vec<&str> = all.iter().filter_map(|own| own.strip_prefix(&format!("{path}."))).collect();
+        let first = ["from", "value"].into_iter().find(|own| inner.contains(own));
+        let end = rest.or(first).map_or(String::new(), |rest| format!(".{rest}"));
+        Some(path + &end)
+    };
+    Ok(by(&|part| part == lower).or_else(|| by(&|part| lower.len() > 1 && initials(part) == lower)))
 }
 
 /// Names of the settings of a task.
@@ -466,9 +506,34 @@ mod tests {
     }
 
     #[test]
+    fn a_key_without_its_table_is_told_with_it() {
+        let told =
+            |task: &str, key: &str| place(key, Some(registry::by_name(task).unwrap()), None).unwrap_err().to_string();
+        for (task, key, found) in [
+            ("Hover", "learning_rate", "apg.learning_rate.from"),
+            ("Hover", "Learning_Rate", "apg.learning_rate.from"),
+            ("Hover", "learning_rate.to", "apg.learning_rate.to"),
+            ("Hover", "lr", "apg.learning_rate.from"),
+            ("Hover", "hidden", "apg.network.hidden"),
+            ("Race", "hidden", "ppo.network.hidden"),
+            ("Hover", "max_grad_norm", "apg.max_grad_norm"),
+            ("Hover", "keep", "checkpoint.keep"),
+        ] {
+            let text = told(task, key);
+            assert!(text.contains(&format!("Did you mean '{found}'?")), "{key}: {text}");
+        }
+        let ppo = place("lr", Some(registry::by_name("Hover").unwrap()), Some("ppo")).unwrap_err().to_string();
+        assert!(ppo.contains("Did you mean 'ppo.learning_rate"), "{ppo}");
+        assert!(told("Hover", "nothing_of_that_name").contains("Known:"));
+        let begun = std::time::Instant::now();
+        assert!(told("Hover", &"x".repeat(10_000_000)).contains("Known:"));
+        assert!(begun.elapsed().as_secs_f64() < 5.0, "{:?}", begun.elapsed());
+    }
+
+    #[test]
     fn an_unknown_setting_names_the_part_that_is_unknown_and_each_known_one_once() {
         let hover = omnidrones::tasks::registry::by_name("Hover").unwrap();
-        let Error::Unknown { name, known, .. } = place("envv.control", Some(hover)).unwrap_err() else {
+        let Error::Unknown { name, known, .. } = place("envv.control", Some(hover), None).unwrap_err() else {
             panic!("it is known");
         };
         assert_eq!(name, "envv");

@@ -3,6 +3,7 @@
 use super::arguments;
 use super::environment::EnvArguments;
 use super::episodes::{Flown, SUCCESS, check_horizon};
+use super::over_seeds;
 use super::rollout_files::{EpisodeArguments, Told};
 use crate::prelude::*;
 use omnidrones::parallel::Threads;
@@ -75,10 +76,24 @@ const MAX_NAMED: usize = 5;
 fn with_runs(error: Error) -> Error {
     match error {
         Error::NoRun { path, lacks, remedy } => {
-            Error::NoRun { path, lacks, remedy: format!("{remedy} {}", known_runs()) }
+            let remedy = runs_within(&path).unwrap_or_else(|| format!("{remedy} {}", known_runs()));
+            Error::NoRun { path, lacks, remedy }
         }
         other => other,
     }
+}
+
+/// The runs in a folder of several, of seeds or of a search, with the best where the folder tells it.
+fn runs_within(folder: &Path) -> Option<String> {
+    let mut own = files::runs(folder);
+    own.sort_by_key(|path| {
+        path.components().map(|part| files::natural(&part.as_os_str().to_string_lossy())).collect::<Vec<_>>()
+    });
+    let named: Vec<String> = own.iter().take(MAX_NAMED).map(|path| path.display().to_string()).collect();
+    let more = if own.len() > named.len() { format!(", … ({} in all)", own.len()) } else { String::new() };
+    let best = over_seeds::best_run(folder).filter(|best| own.contains(best));
+    let best = best.map_or(String::new(), |best| format!(" The best is {}.", best.display()));
+    (!own.is_empty()).then(|| format!("It is a folder of several: name one of {}{more}.{best}", named.join(", ")))
 }
 
 fn known_runs() -> String {

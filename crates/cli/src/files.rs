@@ -2,7 +2,6 @@
 
 use omnidrones::error::{Error, Result};
 use omnidrones::internals;
-use omnidrones::rl::checkpoint::Store;
 use serde::de::DeserializeOwned;
 use std::fs::DirEntry;
 use std::io::ErrorKind;
@@ -57,13 +56,13 @@ pub fn read_settings(path: &Path, maker: &str) -> Result<String> {
     read_text(path, MAX_CONFIG_BYTES)
 }
 
-/// A CSV file: a header, then row by row.
+/// A CSV file: a header, then row by row; names in it are no formulas.
 pub fn write_table(path: &Path, header: Vec<String>, rows: impl Iterator<Item = Vec<String>>) -> Result<()> {
     let mut text = csv::Writer::from_writer(Vec::new());
     let failed = |e: csv::Error| Error::file(path, std::io::Error::other(e));
-    text.write_record(&header).map_err(failed)?;
+    text.write_record(header.iter().map(|name| internals::cell(name))).map_err(failed)?;
     for row in rows {
-        text.write_record(&row).map_err(failed)?;
+        text.write_record(row.iter().map(|cell| internals::cell(cell))).map_err(failed)?;
     }
     let bytes = text.into_inner().map_err(|e| Error::file(path, std::io::Error::other(e.to_string())))?;
     replace(path, &bytes)
@@ -140,22 +139,53 @@ pub fn prepare(folder: &Path, force: bool) -> Result<()> {
     ))
 }
 
-/// Removes what a run keeps in its folder, so that another begins there; refused while a process writes to it.
+/// Files of a run beside its checkpoints, and pages of what it flew.
+const OF_RUN: [&str; 7] =
+    ["config.toml", "log.jsonl", "curve.csv", "result.json", "events.out.tfevents.omnidrones", REPLAY, "report.html"];
+
+/// Removes what a run keeps in its folder, so that another begins there; refused while a process writes to it. Links are not
+/// followed, and what is of others stays: where it stands in the way nothing is removed.
 pub fn remove_run(folder: &Path) -> Result<()> {
+    check_removable(folder)?;
     if has_checkpoints(folder) {
-        drop(Store::open_to_write(folder, 2)?);
-        std::fs::remove_dir_all(folder.join("checkpoints")).map_err(|e| Error::file(folder, e))?;
+        internals::remove_checkpoints(folder)?;
     }
     // what the run began from is part of it
     let earlier = folder.join("from");
     if has_checkpoints(&earlier) {
         remove_run(&earlier)?;
     }
-    for name in ["config.toml", "log.jsonl", "curve.csv", "result.json", "events.out.tfevents.omnidrones"] {
+    for name in OF_RUN {
         let path = folder.join(name);
         match std::fs::remove_file(&path) {
             Err(error) if error.kind() != ErrorKind::NotFound => return Err(Error::file(path, error)),
             _ => {}
+        }
+    }
+    Ok(())
+}
+
+/// Whether a run can be removed as [`remove_run`] does it.
+pub fn check_removable(folder: &Path) -> Result<()> {
+    internals::check_removable(folder)?;
+    let earlier = folder.join("from");
+    internals::own_folder(&earlier)?;
+    if has_checkpoints(&earlier) { check_removable(&earlier) } else { Ok(()) }
+}
+
+/// The page of a flight.
+pub const REPLAY: &str = "replay.html";
+
+/// Removes files of such names that an earlier command wrote into a folder of ours, but for those of this one.
+pub fn remove_stale(folder: &Path, written: &[PathBuf], is_stale: &dyn Fn(&str) -> bool) -> Result<()> {
+    if !is_ours(folder) {
+        return Ok(());
+    }
+    for entry in std::fs::read_dir(folder).map_err(|e| Error::file(folder, e))?.flatten() {
+        let path = entry.path();
+        let plain = entry.file_type().is_ok_and(|kind| kind.is_file());
+        if plain && is_stale(&entry.file_name().to_string_lossy()) && !written.contains(&path) {
+            std::fs::remove_file(&path).map_err(|e| Error::file(&path, e))?;
         }
     }
     Ok(())
@@ -218,6 +248,13 @@ pub fn default_folder(vehicle: &str) -> PathBuf {
 pub fn plain_name(name: &str) -> String {
     let plain = |c: char| if c.is_alphanumeric() || "-_.".contains(c) { c } else { '_' };
     name.trim_start_matches('.').chars().take(64).map(plain).collect()
+}
+
+/// A name by its letters and numbers, so that s2 stands before s10.
+pub fn natural(name: &str) -> (String, u64, String) {
+    let start = name.find(|c: char| c.is_ascii_digit()).unwrap_or(name.len());
+    let end = name[start..].find(|c: char| !c.is_ascii_digit()).map_or(name.len(), |n| start + n);
+    (name[..start].into(), name[start..end].parse().unwrap_or(0), name[end..].into())
 }
 
 /// Paths as text for JSON.

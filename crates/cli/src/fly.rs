@@ -296,6 +296,12 @@ fn outputs(a: &Arguments, name: &str) -> Result<Outputs> {
     a.output.open(files::default_folder(name), a.csv || a.npz || a.mcap() || a.replay)
 }
 
+/// Whether a picture of that name is of a flight.
+fn is_picture(name: &str) -> bool {
+    let own = ["overview", "path", "error", "rotors", "attitude", "rates", "joints", "beside", "drop"];
+    own.contains(&name) || name.starts_with("sensor_")
+}
+
 /// What flies, under whom, along what.
 struct Flyer {
     plant: Plant,
@@ -368,8 +374,10 @@ fn configured(a: &Arguments, robot: Robot, around: Option<Around>) -> Result<Fly
 fn sensors(a: &Arguments, plant: &Plant) -> Result<Vec<SensorConfig>> {
     let list = match a.sensors.as_deref() {
         None => Vec::new(),
-        Some(file) if arguments::is_path(file) => SensorFile::of(files::read_toml(Path::new(file))?, file)?.sensor,
-        Some(list) => SensorConfig::parse_list(list)?,
+        Some(named) => match SensorConfig::parse_list(named) {
+            Err(_) if arguments::is_path(named) => SensorFile::of(files::read_toml(Path::new(named))?, named)?.sensor,
+            known => known?,
+        },
     };
     SensorSet::new(&list, plant.physics().dt, &plant.body_names())?;
     if !list.is_empty() && a.output.no_plots && !(a.csv || a.npz || a.mcap()) {
@@ -540,8 +548,8 @@ fn flown(a: &Arguments, flyer: Flyer) -> Result<Report> {
     }
     let verdict = result.verdict(a.max_rmse);
     if a.replay {
-        outputs.text("replay.html", result.replay())?;
+        outputs.text(files::REPLAY, result.replay())?;
     }
-    result.written = outputs.written;
+    result.written = outputs.done(is_picture)?;
     Ok(Report::told(a.output.json, verdict.is_ok(), || result.json(&verdict), || result.page(&verdict)))
 }

@@ -29,7 +29,7 @@ pub fn html(page: &Page) -> String {
             Block::Heading(name) => writeln!(body, "<h2>{}</h2>", escaped(name)),
             Block::Subheading(name) => writeln!(body, "<h3>{}</h3>", escaped(name)),
             // indented as text
-            Block::Line(text) => writeln!(body, "<p>{}</p>", escaped(text.trim())),
+            Block::Line(text) => writeln!(body, "<p>{}</p>", by_lines(text.trim(), escaped)),
             Block::Notes(word, texts) => {
                 texts.iter().try_for_each(|text| writeln!(body, "<p>{} {}</p>", escaped(word), escaped(text)))
             }
@@ -86,7 +86,7 @@ pub fn markdown(page: &Page) -> String {
             }
             Block::Heading(name) => writeln!(text, "## {}", plain(name)),
             Block::Subheading(name) => writeln!(text, "### {}", plain(name)),
-            Block::Line(line) => writeln!(text, "{}", plain(line.trim())),
+            Block::Line(line) => writeln!(text, "{}", by_lines(line.trim(), plain)),
             Block::Notes(word, texts) => {
                 texts.iter().try_for_each(|line| writeln!(text, "- {} {}", plain(word), plain(line)))
             }
@@ -109,6 +109,11 @@ fn bars(text: &mut String, table: &Table) -> std::fmt::Result {
     *text += &line(table.columns().iter().map(|(_, align)| rule(align).into()).collect());
     table.rows().iter().for_each(|row| *text += &line(row.iter().map(|cell| plain(cell)).collect()));
     Ok(())
+}
+
+/// Line by line.
+fn by_lines(text: &str, as_shown: fn(&str) -> String) -> String {
+    text.split('\n').map(as_shown).collect::<Vec<_>>().join("\n")
 }
 
 /// Without what Markdown would read as more than text.

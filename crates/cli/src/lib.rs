@@ -86,10 +86,12 @@ mod words;
 use self::page::Page;
 use clap::error::{ContextKind, ContextValue};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
+use omnidrones::internals;
 use serde_json::{Value, json};
 use std::ffi::OsString;
-use std::io::{ErrorKind, IsTerminal, Write};
+use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// What a command leaves behind.
 pub struct Report {
@@ -159,7 +161,7 @@ Examples:
 'omnidrones COMMAND --help' tells each command's options, files and units.
 
 Output: a folder must be new, empty or made by omnidrones, which then replaces its earlier output there; a file that \
-exists elsewhere is kept. --force writes into a folder of other files, or over a file. A training run is replaced with \
+exists elsewhere is kept. Pictures and pages of an earlier flight there go. --force writes into a folder of other files, or over a file. A training run is replaced with \
 --force alone; --resume goes on with it.
 
 Exit codes: 0 done; 1 ran, but the flight, the tuning or a training failed; 2 unusable input or arguments.";
@@ -241,18 +243,11 @@ enum Command {
 
 /// Parses, runs, prints; every outcome is an exit code.
 pub fn main() -> ExitCode {
-    // half a file is nobody's; who is to outlive a signal (nohup) goes on to
-    let _ = ctrlc::try_set_handler(|| {
-        let _writes_end = omnidrones::internals::remove_unfinished();
-        if std::io::stderr().is_terminal() {
-            let told = "stopped: no file is left half written, and a training goes on by --resume";
-            let _ = writeln!(std::io::stderr(), "{told}");
-        }
-        std::process::exit(130);
-    });
+    // who is to outlive a signal (nohup) goes on to
+    let _ = ctrlc::try_set_handler(told_to_end);
     match outcome(std::env::args_os()) {
         Ok(Ok(report)) => print(&report),
-        Ok(Err(error)) => fail(&error.to_string()),
+        Ok(Err(error)) => fail(&words::shown(&error.to_string())),
         // help and version come this way too, with code 0; a disk that is full is a failure of theirs too
         Err(error) if error.use_stderr() && asked_for_json() => {
             fail(error.to_string().trim_start_matches("error: ").trim_end())
@@ -262,6 +257,41 @@ pub fn main() -> ExitCode {
             _ => ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2)),
         },
     }
+}
+
+/// What a signal does: trainings save behind their update, then the process ends; at once with the second one.
+fn told_to_end() {
+    static TWICE: AtomicBool = AtomicBool::new(false);
+    let again = TWICE.swap(true, Ordering::SeqCst);
+    let at_work = internals::ask_to_end();
+    if again || at_work == 0 {
+        end(if again { vec!["what was saved before is there".into()] } else { Vec::new() });
+    }
+    let _ =
+        writeln!(std::io::stderr(), "\nstopping: the training is saved behind this update; once more ends it at once");
+    std::thread::spawn(|| {
+        end(internals::wait_to_end().iter().map(left).collect());
+    });
+}
+
+/// What became of a training, for whoever ended it.
+fn left(of: &internals::Left) -> String {
+    match of {
+        internals::Left::Saved(folder, update) => {
+            format!("{} is saved at update {update}; --resume goes on from there", folder.display())
+        }
+        internals::Left::Lost(why) => format!("nothing was saved: {why}"),
+    }
+}
+
+/// Ends the process. Half a file is nobody's.
+fn end(told: Vec<String>) -> ! {
+    let _writes_end = internals::remove_unfinished();
+    let nothing = "no file is left half written".to_string();
+    for line in if told.is_empty() { vec![nothing] } else { told } {
+        let _ = writeln!(std::io::stderr(), "stopped: {}", words::shown(&line));
+    }
+    std::process::exit(130);
 }
 
 /// The commands, whose options take negative numbers: what is below its range is then named with its limits, not as an unknown option.
@@ -336,7 +366,7 @@ fn asked_for_json() -> bool {
 }
 
 fn fail(message: &str) -> ExitCode {
-    let message = words::shown(message);
+    let message = words::shown_lines(message);
     let _ = writeln!(std::io::stderr(), "error: {message}");
     if asked_for_json() {
         let _ = writeln!(std::io::stdout(), "{:#}", json!({ "format": 1, "error": message }));

@@ -1,8 +1,10 @@
 //! What several seeds came to: figures with mean, least, largest and interval, and what to do about seeds that failed.
 
 use crate::prelude::*;
+use omnidrones::internals;
 use omnidrones::rl::log::Line;
 use omnidrones::rl::runs::OverSeeds;
+use omnidrones::rl::search::{Score, Trial};
 use omnidrones::rl::trainer::TrainResult;
 use omnidrones::tasks::Evaluation;
 use serde::{Deserialize, Serialize};
@@ -98,6 +100,44 @@ pub fn shown(spread: Option<OverSeeds>, show: impl Fn(f64) -> String, scale: f64
     }
     let half = half_width.map_or(String::new(), |half| format!(" ± {}", short(scale * half, 2)));
     format!("{middle}{half} ({least}–{largest})")
+}
+
+/// Largest file of several runs that is read, bytes.
+pub const MAX_JSON: u64 = 64 << 20;
+
+/// The runs of several seeds.
+#[derive(Deserialize)]
+struct Seeds {
+    runs: Vec<Outcome>,
+}
+
+/// The run that did best in a folder of seeds or of a search, where its file tells that.
+pub fn best_run(folder: &Path) -> Option<PathBuf> {
+    let rank = |e: &Evaluation| (e.success, e.share_of_bound);
+    let better = |a: (f64, f64), b: (f64, f64)| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1));
+    let seeds = folder.join("seeds.json");
+    let told = files::read_text(&seeds, MAX_JSON);
+    if let Ok(Seeds { runs }) = told.and_then(|text| internals::of_json(text.as_bytes(), "seeds.json", "")) {
+        let best = runs.iter().max_by(|a, b| better(rank(&a.evaluation), rank(&b.evaluation)))?;
+        return Some(folder.join(format!("s{}", best.seed)));
+    }
+    let (search, trials, _) = internals::told_search(folder).ok()?;
+    let winner = best(&trials)?;
+    let last = trials.iter().filter(|trial| trial.candidate == winner).max_by_key(|trial| trial.rung)?;
+    let scores = last.scores.iter().zip(&search.seeds).filter_map(|(score, seed)| Some((score.as_ref()?, seed)));
+    let of = |score: &Score| (score.success, score.share_of_bound);
+    let (_, seed) = scores.max_by(|(a, _), (b, _)| better(of(a), of(b)))?;
+    Some(folder.join(&search.candidates[winner].0).join(format!("s{seed}")))
+}
+
+/// The best candidate so far: on the last rung that was reached.
+pub fn best(trials: &[Trial]) -> Option<usize> {
+    let key = |trial: &&Trial| (trial.rung, trial.mean());
+    let best = trials.iter().max_by(|a, b| {
+        let ((i, x), (j, y)) = (key(a), key(b));
+        i.cmp(&j).then(x[0].total_cmp(&y[0])).then(x[1].total_cmp(&y[1])).then(b.candidate.cmp(&a.candidate))
+    });
+    best.map(|trial| trial.candidate)
 }
 
 /// All of it, for programs.

@@ -1,7 +1,7 @@
 //! What a command tells: headings, facts, tables, notes, drawings; written as text here, by `html.rs` for a browser.
 
 use super::table::Table;
-use super::words::shown;
+use super::words::{shown, shown_lines};
 use std::fmt::Write;
 use std::io::IsTerminal;
 use std::path::PathBuf;
@@ -94,8 +94,18 @@ impl Page {
         self.push(Block::Subheading(name.into()))
     }
 
-    /// One line.
+    /// One line, whatever names are in it; with empty ones above or below where the text begins or ends with line feeds.
     pub fn line(&mut self, text: impl Into<String>) -> &mut Self {
+        let text = text.into();
+        let own = text.trim_matches('\n');
+        let [above, below] =
+            [text.len() - text.trim_start_matches('\n').len(), text.len() - text.trim_end_matches('\n').len()];
+        let below = if own.is_empty() { 0 } else { below };
+        self.push(Block::Line("\n".repeat(above) + &shown(own) + &"\n".repeat(below)))
+    }
+
+    /// Lines of our own, which hold no names of files.
+    pub fn paragraph(&mut self, text: impl Into<String>) -> &mut Self {
         self.push(Block::Line(text.into()))
     }
 
@@ -105,7 +115,7 @@ impl Page {
         if texts.peek().is_some() {
             self.heading(heading);
         }
-        self.blocks.extend(texts.map(|text| Block::Line(format!("  {}", text.into()))));
+        self.blocks.extend(texts.map(|text| Block::Line(format!("  {}", shown(&text.into())))));
         self
     }
 
@@ -164,7 +174,7 @@ impl Page {
                 Block::Title(name, remark) if remark.is_empty() => writeln!(out, "{}", paint("1", name)),
                 Block::Title(name, remark) => writeln!(out, "{} · {}", paint("1", name), shown(remark)),
                 Block::Heading(name) | Block::Subheading(name) => writeln!(out, "\n{}", paint("1", name)),
-                Block::Line(text) => writeln!(out, "{}", shown(text)),
+                Block::Line(text) => writeln!(out, "{}", shown_lines(text)),
                 Block::Facts(facts) => aligned(&mut out, facts, &paint),
                 Block::Table(table) => write!(out, "{}", table.render(styled)),
                 Block::Notes(word, texts) => {
@@ -195,6 +205,24 @@ fn aligned(out: &mut String, facts: &[Fact], paint: &dyn Fn(&str, &str) -> Strin
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_name_of_several_lines_takes_one_on_every_part_of_a_page() {
+        for feed in ["\n", "\r\n", "\u{2028}", "\n\nerror: "] {
+            let evil = format!("a{feed}b\u{202e}");
+            let table = Table::new("name").filled([[&evil]]);
+            let mut page = Page::new();
+            page.title(&evil, &evil).heading(&evil).subheading(&evil).line(&evil).lines("of", [&evil]).table(table);
+            page.facts(vec![Fact::new(&evil, &evil).note(&evil)]).notes("note", &[evil.clone()], 3, "");
+            let text = page.styled(false);
+            // three headings have an empty line above
+            assert_eq!(text.lines().filter(|line| !line.is_empty()).count(), 10, "{text}");
+            assert!(!text.contains(['\r', '\u{2028}', '\u{202e}']), "{text}");
+        }
+        let mut page = Page::new();
+        page.line("\nours").line("").line("ours\n").paragraph("one\ntwo");
+        assert_eq!(page.styled(false), "\nours\n\nours\n\none\ntwo\n");
+    }
 
     #[test]
     fn facts_are_aligned_whatever_letters_they_have() {

@@ -63,7 +63,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
             if let Flier::Own(_) = fliers[0] {
                 files::prepare(&folder, a.output.force)?;
             }
-            folder.join("replay.html")
+            folder.join(files::REPLAY)
         }
     };
     files::check_new(&path, a.output.force)?;

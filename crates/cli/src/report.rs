@@ -6,6 +6,7 @@ mod several;
 use super::arguments::PageArguments;
 use super::baseline::compare;
 use super::html::html;
+use super::train_all;
 use crate::prelude::*;
 use omnidrones::parallel::Threads;
 use omnidrones::rl::TrainConfig;
@@ -65,7 +66,9 @@ impl Kind {
         match () {
             () if holds("seeds.json") => Self::Seeds,
             () if holds("search.json") => Self::Search,
-            () if holds("table.json") || !folder.join("checkpoints").is_dir() && several::has_rows(folder) => Self::All,
+            () if holds("table.json") || !folder.join("checkpoints").is_dir() && train_all::has_rows(folder) => {
+                Self::All
+            }
             // what is no run at all is told so by who opens it
             () => Self::Run,
         }

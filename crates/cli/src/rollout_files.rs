@@ -95,9 +95,9 @@ impl Told<'_> {
             outputs.put("trajectories.mcap", |path| flown.trajectories.write_mcap(path, &recording))?;
         }
         if *replay {
-            outputs.text("replay.html", page(&flown.title(), &[seen.recording(&flown)?]))?;
+            outputs.text(files::REPLAY, page(&flown.title(), &[seen.recording(&flown)?]))?;
         }
-        let written = outputs.written;
+        let written = outputs.done(|name| name == self.command)?;
         Ok(Report::told(output.json, true, || flown.json(self.command, self.by, &written), || flown.page(&written)))
     }
 }

@@ -3,10 +3,13 @@
 use super::over_seeds::{Failure, Outcome, split};
 use super::train_seeds;
 use crate::prelude::*;
+use omnidrones::internals;
 use omnidrones::parallel::Threads;
 use omnidrones::rl::TrainConfig;
+use omnidrones::rl::algorithm;
 use omnidrones::rl::log::{self, Line};
 use omnidrones::rl::runs::{Run, fingerprint};
+use omnidrones::tasks::registry;
 use omnidrones_studies::plan::label;
 use serde::{Deserialize, Serialize};
 
@@ -56,6 +59,32 @@ impl Row {
             runs: Vec::new(),
             failed: Vec::new(),
         })
+    }
+
+    /// What is wrong with it, and where.
+    fn fault(&self) -> Option<(&'static str, String)> {
+        if let Err(error) = registry::by_name(&self.task) {
+            return Some(("task", error.to_string()));
+        }
+        if let Err(error) = algorithm::by_name(algorithm::base(&self.algorithm)) {
+            return Some(("algorithm", error.to_string()));
+        }
+        if files::plain_name(&self.setting) != self.setting {
+            return Some(("setting", format!("'{}' is no part of a file's name", self.setting)));
+        }
+        if self.hash.is_empty() || self.hash.len() > 64 || !self.hash.bytes().all(|b| b.is_ascii_hexdigit()) {
+            return Some(("hash", format!("'{}' is no hexadecimal number", self.hash)));
+        }
+        let twice = |i: usize| self.runs[..i].iter().any(|run| run.seed == self.runs[i].seed);
+        if let Some(i) = (0..self.runs.len()).find(|i| twice(*i)) {
+            return Some(("runs", format!("seed {} stands there twice", self.runs[i].seed)));
+        }
+        let sound = |run: &&Outcome| {
+            let rising = run.curve.windows(2).all(|pair| pair[0].0 < pair[1].0);
+            run.seconds.is_finite() && run.seconds >= 0.0 && rising && run.curve.iter().all(|(_, _, x)| x.is_finite())
+        };
+        let wrong = self.runs.iter().find(|run| !sound(run))?;
+        Some(("runs", format!("seed {}: its time is no number of seconds, or its curve none", wrong.seed)))
     }
 
     /// `dqn, joint`.
@@ -138,11 +167,41 @@ pub fn train(asked: &Asked<'_>, folder: &Path, threads: &Threads, bar: &indicati
     Ok(row)
 }
 
-/// The row of a file, unless it is stale.
+/// The row of a file, unless it is stale. One that cannot be read is told and trained anew.
 fn kept(path: &Path, fresh: &Row) -> Option<Row> {
-    let row: Row = serde_json::from_str(&files::read_text(path, MAX_ROW).ok()?).ok()?;
-    (row.hash == fresh.hash).then_some(row)
+    if path.symlink_metadata().is_err() {
+        return None;
+    }
+    match read(path) {
+        Ok(row) => (row.hash == fresh.hash).then_some(row),
+        Err(error) => {
+            eprintln!("warning: {}", shown(&format!("{error} It is trained anew.")));
+            None
+        }
+    }
 }
+
+/// Whether a file is called as rows are: `TASK-ALGO-u300.json`.
+pub fn is_row(path: &Path) -> bool {
+    let name = path.file_name().map(|name| name.to_string_lossy());
+    let updates = name.as_ref().and_then(|name| name.strip_suffix(".json")?.rsplit_once("-u"));
+    updates.is_some_and(|(_, n)| !n.is_empty() && n.bytes().all(|b| b.is_ascii_digit()))
+}
+
+/// A row as its file tells it, checked as a whole.
+pub fn read(path: &Path) -> Result<Row> {
+    let row: Row =
+        internals::of_json(files::read_text(path, MAX_ROW)?.as_bytes(), &path.display().to_string(), REMEDY)?;
+    match row.fault() {
+        None => Ok(row),
+        Some((place, rule)) => {
+            let (file, remedy) = (path.display().to_string(), REMEDY.into());
+            Err(Error::Format { file, place: place.into(), rule, remedy })
+        }
+    }
+}
+
+const REMEDY: &str = "Remove it, and train it anew.";
 
 #[cfg(test)]
 mod tests {

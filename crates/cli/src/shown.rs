@@ -3,8 +3,9 @@
 use super::environment::EnvArguments;
 use super::episodes::Flown;
 use super::rollout::{ControllerName, PlanArguments};
-use super::{baseline, eval, rollout};
+use super::{baseline, eval, robot, rollout};
 use crate::prelude::*;
+use omnidrones::dynamics::vehicles;
 use omnidrones::parallel::Threads;
 use omnidrones::tasks::{Autoreset, EnvConfig, Watched, registry};
 
@@ -29,12 +30,12 @@ pub enum Flier {
 }
 
 impl Flier {
-    /// What `named` means: a task by its name unless there is a folder of that name, else a run. A task stands beside the run
-    /// `beside`, if that is of it: the same starts in the same environments.
+    /// What `named` means: a task by its name, else the folder of a run. A task stands beside the run `beside`, if that is of it:
+    /// the same starts in the same environments.
     pub fn new(named: &str, options: &EnvArguments, envs: usize, beside: Option<&Self>) -> Result<Self> {
         let threads = Threads::default();
         let path = Path::new(named);
-        if let (false, Ok(entry)) = (path.exists(), registry::by_name(named)) {
+        if let Ok(entry) = registry::by_name(named) {
             let usual = match beside {
                 Some(Self::Policy(ready)) if ready.saved.manifest.task == entry.name => {
                     baseline::for_controller(entry, &ready.saved.config)
@@ -45,6 +46,9 @@ impl Flier {
             let config = EnvConfig { autoreset: Autoreset::Disabled, n_env: envs, ..config.whole_episodes() };
             let by = (ControllerName::Default, &PlanArguments::default());
             return Ok(Self::Own(Box::new(rollout::Ready::new(entry, &config, &threads, by)?)));
+        }
+        if !path.exists() {
+            refuse_flyer(named)?;
         }
         Ok(Self::Policy(Box::new(eval::Ready::new(path, options, Some(envs), &threads)?)))
     }
@@ -64,4 +68,17 @@ impl Flier {
             Self::Own(_) => super::files::default_folder(named),
         }
     }
+}
+
+/// Refuses what flies where episodes are shown, with the command that is for it.
+fn refuse_flyer(named: &str) -> Result<()> {
+    if vehicles::by_name(named).is_err() && robot::configuration(named).is_none() {
+        return Ok(());
+    }
+    let (value, limit) =
+        (format!("'{named}', which is a vehicle or a configuration"), "a task, or the folder of a run");
+    let remedy = format!(
+        "'omnidrones fly {named} --replay' flies it and writes such a page; 'omnidrones tasks' lists the tasks."
+    );
+    Err(Error::value("what is shown", value, limit, remedy))
 }

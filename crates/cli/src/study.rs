@@ -55,7 +55,7 @@ pub struct Arguments {
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     tasks: Vec<String>,
     /// Train rows of these algorithms alone, separated by commas
-    #[arg(long, value_name = "NAMES", value_delimiter = ',', value_parser = algorithms())]
+    #[arg(long, value_name = "NAMES", value_delimiter = ',', value_parser = algorithms(), ignore_case = true)]
     algos: Vec<String>,
     /// Seeds of each row [default: those of the study]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1000))]
@@ -280,11 +280,11 @@ impl Study {
                 page.heading(&part.name).table(table);
             }
         }
-        page.line(format!("\n{KEY}\n{}", self.made()));
+        page.paragraph(format!("\n{KEY}\n{}", self.made()));
         page.heading("Statements");
         for claim in &self.plan.claims {
             let (verdict, found) = self.plan.judge(claim, &self.outcomes());
-            page.line(format!("  {}\n    {verdict}: {found}", claim.says));
+            page.paragraph(format!("  {}\n    {verdict}: {found}", claim.says));
         }
         page.lines("Not trained", &self.failed).written(written);
         page

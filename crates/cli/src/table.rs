@@ -31,7 +31,7 @@ impl Table {
 
     /// With more columns, named by data.
     pub fn with<S: Into<String>>(mut self, align: Align, names: impl IntoIterator<Item = S>) -> Self {
-        self.columns.extend(names.into_iter().map(|name| (name.into(), align)));
+        self.columns.extend(names.into_iter().map(|name| (shown(&name.into()), align)));
         self
     }
 
@@ -105,9 +105,13 @@ pub fn columns() -> usize {
     comfy_table::Table::new().use_stderr().width().map_or(USUAL, usize::from)
 }
 
+/// From here on a number has an exponent: all its digits would make a table too wide.
+const WIDE: f64 = 1e9;
+
 /// `v` with `decimals` digits; a dash for what is missing or not finite.
 pub fn number(v: impl Into<Option<f64>>, decimals: usize) -> String {
     match v.into() {
+        Some(v) if v.is_finite() && v.abs() >= WIDE => format!("{v:.decimals$e}"),
         Some(v) if v.is_finite() => format!("{v:.decimals$}"),
         _ => "–".to_string(),
     }
@@ -116,6 +120,17 @@ pub fn number(v: impl Into<Option<f64>>, decimals: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn no_number_is_wider_than_a_column() {
+        for v in [1e9, -1e9, 1e30, -1e308, f64::MAX, f64::MIN] {
+            assert!(
+                number(v, 3).len() <= 12 && number(v, 3).parse::<f64>().is_ok_and(|w| (w / v - 1.0).abs() < 1e-3),
+                "{v}"
+            );
+        }
+        assert_eq!((number(999_999_999.4, 0), number(-12.5, 3)), ("999999999".into(), "-12.500".into()));
+    }
 
     #[test]
     fn a_table_outside_a_terminal_has_no_escape_codes_and_right_aligned_numbers() {

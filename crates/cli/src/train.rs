@@ -11,6 +11,8 @@ use super::train_seeds::{self, Asked};
 use crate::prelude::*;
 use omnidrones::layers::{self, Layer};
 use omnidrones::parallel::Threads;
+use omnidrones::rl::checkpoint::Manifest;
+use omnidrones::rl::policy_io::load_policy;
 use omnidrones::rl::trainer::{Progress, TrainResult, Trainer};
 use omnidrones::rl::{Starts, TrainConfig, checkpoint};
 use omnidrones::tasks::registry::{self, Entry};
@@ -53,7 +55,8 @@ is that of the file: seed, apg.horizon, apg.network.hidden=[32,32], apg.learning
 env.task.horizon. A file that names its task is refused for another.";
 
 const FILES: &str = "\
-Ctrl-C is safe: what was saved last stays, and --resume goes on from there to the same bits. With --resume the settings \
+Ctrl-C saves behind the update that is running, and --resume goes on from there to the same bits; a second one ends it at once. \
+After a kill it goes on from the newest checkpoint: there is one every checkpoint.every updates and checkpoint.seconds. With --resume the settings \
 are those of the run; only --updates and --threads may change. Schedules, as of the learning rate, stretch over the new \
 number of updates, so the result differs from a fresh run of as many.
 
@@ -87,7 +90,7 @@ pub struct Arguments {
     #[arg(value_name = "TASK")]
     task: String,
     /// How to learn [default: the task's usual one]
-    #[arg(long, value_name = "NAME", value_parser = algorithms())]
+    #[arg(long, value_name = "NAME", value_parser = algorithms(), ignore_case = true)]
     algo: Option<String>,
     /// Environments trained on at once: n_env of the algorithm [default: the recipe's]
     #[arg(long, value_name = "N")]
@@ -166,10 +169,11 @@ pub fn run(a: &Arguments) -> Result<Report> {
     spinner.finish_and_clear();
     let (spec, error) = spec(entry, &config)?;
     let algorithm = a.algo.clone().unwrap_or_else(|| config.algorithm.name().into());
+    let (first, written) = (First::of(&folder, &config), Vec::new());
     let mut trained =
-        Trained { entry, spec, error, algorithm, config, was_over, outcome, baseline, notes, written: Vec::new() };
+        Trained { entry, spec, error, algorithm, config, was_over, outcome, baseline, first, notes, written };
     if a.replay {
-        outputs.text("replay.html", replay::of_run(&folder)?)?;
+        outputs.text(files::REPLAY, replay::of_run(&folder)?)?;
     }
     outputs.draw("curve", || train_plot::figure(&trained.curves()))?;
     trained.written = outputs.written.clone();
@@ -207,7 +211,10 @@ fn several(a: &Arguments, entry: &Entry, config: &TrainConfig, threads: &Threads
         let remedy = "Every candidate is trained with the same seeds: --seeds 5 gives it five.";
         return Err(Error::value("--search", format!("{key} = {}", values.len()), "a setting, no seed", remedy));
     }
-    let axes = a.search.iter().map(|(key, values)| Ok((environment::place(key, Some(entry))?, values.clone())));
+    let axes = a
+        .search
+        .iter()
+        .map(|(key, values)| Ok((environment::place(key, Some(entry), a.algo.as_deref())?, values.clone())));
     let combinations = combinations(&axes.collect::<Result<Vec<_>>>()?)?;
     let named = combinations.into_iter().map(|(name, layers)| Ok((name, a.config(entry, &layers)?)));
     train_search::run(&asked, named.collect::<Result<_>>()?, a.factor.unwrap_or(3) as usize, threads)
@@ -231,7 +238,7 @@ impl Arguments {
                 table
             })
         });
-        let options = self.environment.options(Some(entry))?;
+        let options = self.environment.options(Some(entry), self.algo.as_deref())?;
         let mut layers: Vec<Layer> = file.iter().chain(&options).cloned().collect();
         let algorithm = self.algo.as_deref();
         if let Some(n) = self.envs {
@@ -343,6 +350,56 @@ fn message(p: &Progress<'_>, rate: f64) -> String {
     parts.join(" · ")
 }
 
+/// A run that was trained first, for another to begin from.
+struct First {
+    /// `Hover by apg`.
+    name: String,
+    folder: PathBuf,
+    updates: u64,
+    env_steps: u64,
+    seconds: f64,
+}
+
+impl First {
+    /// That of a run, where it has one in its folder.
+    fn of(folder: &Path, config: &TrainConfig) -> Option<Self> {
+        let folder = folder.join("from");
+        if config.from.is_empty() || !folder.join("checkpoints").is_dir() {
+            return None;
+        }
+        let Manifest { task, algorithm, update, env_steps, seconds, .. } = load_policy(&folder).ok()?.manifest;
+        Some(Self { name: format!("{task} by {algorithm}"), folder, updates: update, env_steps, seconds })
+    }
+
+    fn share(&self, whole: &TrainResult) -> [f64; 2] {
+        [self.seconds / whole.seconds.max(1e-9), self.env_steps as f64 / (whole.env_steps as f64).max(1.0)]
+    }
+
+    fn fact(&self, whole: &TrainResult) -> Fact {
+        let Self { folder, updates, env_steps, seconds, .. } = self;
+        let [time, steps] = self.share(whole).map(percent);
+        let steps = format!("{} env steps ({steps})", count(*env_steps as f64));
+        Fact::new("trained first", &self.name).note(format!(
+            "{updates} updates, {} ({time} of the time), {steps}; in {}",
+            duration(*seconds),
+            folder.display()
+        ))
+    }
+
+    fn json(&self, whole: &TrainResult) -> Value {
+        let [time, steps] = self.share(whole);
+        json!({
+            "name": self.name,
+            "folder": self.folder.display().to_string(),
+            "updates": self.updates,
+            "env_steps": self.env_steps,
+            "seconds": self.seconds,
+            "share_of_time": time,
+            "share_of_env_steps": steps,
+        })
+    }
+}
+
 /// A run that is over.
 pub struct Trained<'a> {
     entry: &'a Entry,
@@ -356,6 +413,8 @@ pub struct Trained<'a> {
     was_over: Option<(u64, u64)>,
     outcome: TrainResult,
     baseline: Option<(String, Evaluation)>,
+    /// What was trained first.
+    first: Option<First>,
     /// Checkpoints that were passed over.
     notes: Vec<String>,
     written: Vec<PathBuf>,
@@ -457,7 +516,8 @@ impl Trained<'_> {
         let phases = self.phases().into_iter().filter(|(_, share)| *share >= 0.005);
         let phases: Vec<String> = phases.map(|(name, share)| format!("{name} {:.0} %", 100.0 * share)).collect();
         let policy = &o.policy;
-        vec![
+        let first = self.first.iter().map(|first| first.fact(o));
+        let own = vec![
             Fact::new("trained in", duration(o.seconds)).note("without evaluations"),
             Fact::new("env steps", count(o.env_steps as f64)).note(format!("{} per second", count(self.rate()))),
             Fact::new("phases", phases.join(", ")),
@@ -466,7 +526,8 @@ impl Trained<'_> {
                 policy.actor().n_observation(),
                 policy.actor().n_action()
             )),
-        ]
+        ];
+        own.into_iter().chain(first).collect()
     }
 
     fn table(&self) -> Table {
@@ -489,6 +550,7 @@ impl Trained<'_> {
             "phases": self.phases().into_iter().collect::<BTreeMap<_, _>>(),
             "stopped": o.stopped,
             "was_over": self.was_over.is_some(),
+            "trained_first": self.first.as_ref().map(|first| first.json(o)),
             "evaluation": o.evaluation,
             "baseline": self.baseline.as_ref().map(|(name, e)| json!({ "flown_by": name, "evaluation": e })),
             "reward_bound": self.spec.reward_bound,

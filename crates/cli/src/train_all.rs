@@ -8,6 +8,7 @@ use super::rollout_all::told_errors;
 use super::rows::{self, MAX_ROW, Row};
 use super::train_all_plot::{self, Learnt};
 use crate::prelude::*;
+use omnidrones::internals;
 use omnidrones::parallel::Threads;
 use omnidrones::rl::TrainConfig;
 use omnidrones::rl::log::Line as LogLine;
@@ -54,7 +55,7 @@ pub struct Arguments {
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     tasks: Vec<String>,
     /// Train by this algorithm alone [default: by every algorithm that has a recipe for the task]
-    #[arg(long, value_name = "NAME", value_parser = algorithms())]
+    #[arg(long, value_name = "NAME", value_parser = algorithms(), ignore_case = true)]
     algo: Option<String>,
     /// Seeds of each task
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..=1000))]
@@ -80,18 +81,35 @@ pub struct Line {
     baseline: Option<(String, Evaluation)>,
 }
 
-/// The rows of a folder in the order of the tasks; our controller's figures from the table there, if there is one, else flown
-/// by `fly`.
-pub fn read(folder: &Path, fly: &dyn Fn(&'static Entry) -> Option<(String, Evaluation)>) -> Vec<Line> {
+/// Files of a folder that are called as rows are.
+fn row_files(folder: &Path) -> Vec<PathBuf> {
     let names = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
-    let files = names.filter(|path| path.extension().is_some_and(|e| e == "json"));
-    let mut rows: Vec<(&'static Entry, Row)> = files
-        .filter_map(|path| serde_json::from_str::<Row>(&files::read_text(&path, MAX_ROW).ok()?).ok())
-        .filter_map(|row| Some((registry::by_name(&row.task).ok()?, row)))
-        .collect();
+    let mut files: Vec<PathBuf> = names.filter(|path| rows::is_row(path)).collect();
+    files.sort();
+    files
+}
+
+/// Whether a folder holds rows.
+pub fn has_rows(folder: &Path) -> bool {
+    !row_files(folder).is_empty()
+}
+
+/// The rows of a folder in the order of the tasks, and what could not be read of it; our controller's figures from the table
+/// there, if there is one, else flown by `fly`.
+pub fn read(folder: &Path, fly: &dyn Fn(&'static Entry) -> Option<(String, Evaluation)>) -> (Vec<Line>, Vec<String>) {
+    let (mut rows, mut unread): (Vec<(&'static Entry, Row)>, _) = (Vec::new(), Vec::new());
+    for path in row_files(folder) {
+        match rows::read(&path).and_then(|row| Ok((registry::by_name(&row.task)?, row))) {
+            Ok(row) => rows.push(row),
+            Err(error) => unread.push(error.to_string()),
+        }
+    }
     let place = |entry: &Entry| REGISTRY.iter().position(|e| e.name == entry.name);
     rows.sort_by_key(|(entry, row)| (place(entry), row.label()));
-    let known = known_baselines(&folder.join("table.json"));
+    let known = known_baselines(&folder.join("table.json")).unwrap_or_else(|error| {
+        unread.push(error.to_string());
+        BTreeMap::new()
+    });
     let line = |(entry, row): (&'static Entry, Row)| {
         let config = TrainConfig::for_task(entry.name, Some(&row.algorithm), None).ok();
         Line {
@@ -110,19 +128,23 @@ pub fn read(folder: &Path, fly: &dyn Fn(&'static Entry) -> Option<(String, Evalu
             lines[k].baseline = known.get(entry.name).cloned().or_else(|| fly(entry));
         }
     }
-    lines
+    (lines, unread)
 }
 
 /// Our controller's figures by task, as the table of a folder tells them.
-fn known_baselines(table: &Path) -> BTreeMap<String, (String, Evaluation)> {
-    let text = files::read_text(table, MAX_ROW).unwrap_or_default();
-    let value: Value = serde_json::from_str(&text).unwrap_or_default();
+fn known_baselines(table: &Path) -> Result<BTreeMap<String, (String, Evaluation)>> {
+    if table.symlink_metadata().is_err() {
+        return Ok(BTreeMap::new());
+    }
+    let text = files::read_text(table, MAX_ROW)?;
+    let remedy = "Remove it: 'omnidrones train-all' writes it anew.";
+    let value: Value = internals::of_json(text.as_bytes(), &table.display().to_string(), remedy)?;
     let of = |task: &Value| {
         let (name, told) = (task["task"].as_str()?, &task["baseline"]);
         let evaluation = serde_json::from_value(told["evaluation"].clone()).ok()?;
         Some((name.to_string(), (told["flown_by"].as_str()?.to_string(), evaluation)))
     };
-    value["tasks"].as_array().into_iter().flatten().filter_map(of).collect()
+    Ok(value["tasks"].as_array().into_iter().flatten().filter_map(of).collect())
 }
 
 impl Line {

@@ -3,6 +3,7 @@
 use super::arguments::Outputs;
 use super::train_seeds::Asked;
 use crate::prelude::*;
+use omnidrones::internals;
 use omnidrones::layers::{self, Layer};
 use omnidrones::parallel::Threads;
 use omnidrones::rl::TrainConfig;
@@ -55,16 +56,21 @@ pub fn run(asked: &Asked<'_>, named: Vec<(String, TrainConfig)>, factor: usize, 
     let known = folder.join("search.json");
     if known.exists() && !asked.resume {
         if !asked.output.force {
-            let value = format!("'{}', in use", folder.display());
+            let value = format!("'{}', which holds a search already", folder.display());
             let remedy = "Go on with it (--resume), replace it (--force), or name another folder (--out).";
             return Err(Error::value("folder of the search", value, "new", remedy));
         }
-        std::fs::remove_file(&known).map_err(|e| Error::file(&known, e))?;
-        for candidate in 0..named.len() {
-            for seed in &asked.seeds {
-                files::remove_run(&folder.join(format!("c{candidate}/s{seed}")))?;
-            }
+        let own = |k: usize| folder.join(format!("c{k}"));
+        let runs =
+            || (0..named.len()).flat_map(|k| asked.seeds.iter().map(move |seed| own(k).join(format!("s{seed}"))));
+        // all of them before the first is removed
+        (0..named.len()).try_for_each(|k| internals::own_folder(&own(k)))?;
+        for run in runs() {
+            internals::own_folder(&run)?;
+            files::check_removable(&run)?;
         }
+        std::fs::remove_file(&known).map_err(|e| Error::file(&known, e))?;
+        runs().try_for_each(|run| files::remove_run(&run))?;
     }
     let (names, configs): (Vec<String>, Vec<TrainConfig>) = named.into_iter().unzip();
     let candidates = configs.into_iter().enumerate().map(|(k, config)| (format!("c{k}"), config)).collect();

@@ -5,6 +5,7 @@ use super::baseline::{FIGURES, spec};
 use super::over_seeds::{Failure, Outcome, split, spread, value};
 use super::train_all_plot::{self, Learnt};
 use crate::prelude::*;
+use omnidrones::internals;
 use omnidrones::parallel::Threads;
 use omnidrones::rl::TrainConfig;
 use omnidrones::rl::runs::{self, OverSeeds, Run};
@@ -32,6 +33,13 @@ pub fn run(asked: &Asked<'_>, threads: &Threads) -> Result<Report> {
     let mut outputs = asked.output.open(&asked.usual, true)?;
     let root = outputs.folder.clone();
     let own = |seed: &u64| root.join(format!("s{seed}"));
+    if asked.output.force && !asked.resume {
+        // all of them before the first is removed
+        for folder in asked.seeds.iter().map(own) {
+            internals::own_folder(&folder)?;
+            files::check_removable(&folder)?;
+        }
+    }
     for folder in asked.seeds.iter().map(own) {
         begin(&folder, asked.resume, asked.output.force)?;
     }
@@ -68,6 +76,7 @@ pub fn run(asked: &Asked<'_>, threads: &Threads) -> Result<Report> {
 
 /// Refuses a run that is there, unless it is to go on or to be replaced.
 pub fn begin(folder: &Path, resume: bool, force: bool) -> Result<()> {
+    internals::own_folder(folder)?;
     if !folder.join("config.toml").exists() || resume {
         return Ok(());
     }
@@ -75,7 +84,8 @@ pub fn begin(folder: &Path, resume: bool, force: bool) -> Result<()> {
         return files::remove_run(folder);
     }
     let remedy = "Go on with it (--resume), replace it (--force), or name another folder (--out).";
-    Err(Error::value("folder of the run", format!("'{}', in use", folder.display()), "new", remedy))
+    let value = format!("'{}', which holds a run already", folder.display());
+    Err(Error::value("folder of the run", value, "new", remedy))
 }
 
 /// Trains under one bar: updates of all, and of each how far it is.

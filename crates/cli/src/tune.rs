@@ -132,10 +132,10 @@ pub fn run(a: &Arguments) -> Result<Report> {
         let [before, after] = [flight(&gains)?, flight(&tuning.gains)?];
         outputs.draw("tune", || figure(&vehicle.name, &tuning, &gains, &before, &after))?;
         if a.replay {
-            outputs.text("replay.html", replay(vehicle, &plan, [("before", &before), ("after", &after)])?)?;
+            outputs.text(files::REPLAY, replay(vehicle, &plan, [("before", &before), ("after", &after)])?)?;
         }
     }
-    let written = outputs.written;
+    let written = outputs.done(|name| name == "tune")?;
     if a.output.json {
         let value = json!({
             "command": "tune",

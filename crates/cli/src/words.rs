@@ -1,16 +1,24 @@
 //! Numbers and names in words.
 
+use omnidrones::internals::steers;
+
 /// Longest text shown at one place, characters.
 const LONGEST: usize = 4000;
 
-/// A text without what steers a terminal, and not endless: names come from files of anybody.
+/// A text in one line without what steers a terminal or turns the order of letters around, and not endless: names come from files
+/// of anybody.
 pub fn shown(text: &str) -> String {
-    let plain = |c: char| if c.is_control() && c != '\n' { '·' } else { c };
+    let plain = |c: char| if steers(c) { '·' } else { c };
     let mut out: String = text.chars().take(LONGEST).map(plain).collect();
     if text.chars().nth(LONGEST).is_some() {
         out.push('…');
     }
     out
+}
+
+/// The same of a text whose lines are its own.
+pub fn shown_lines(text: &str) -> String {
+    text.split('\n').map(shown).collect::<Vec<_>>().join("\n")
 }
 
 /// `v` to `digits` significant digits: plain from 0.001 to 99999, else with an exponent; a dash where not finite.
@@ -80,6 +88,11 @@ mod tests {
     #[test]
     fn a_name_cannot_steer_a_terminal_and_is_not_endless() {
         assert_eq!(shown("a\u{1b}[31mb\u{7}"), "a·[31mb·");
+        for c in "\n\r\t\u{85}\u{2028}\u{2029}\u{202a}\u{202b}\u{202c}\u{202d}\u{202e}\u{2066}\u{2067}\u{2068}\u{2069}\u{200f}".chars() {
+            assert_eq!(shown(&format!("a{c}b")), "a·b", "{c:?}");
+        }
+        assert_eq!(shown("名前 ä\u{301} \u{200d}"), "名前 ä\u{301} \u{200d}", "letters of all scripts stay");
+        assert_eq!(shown_lines("a\nb\u{202e}"), "a\nb·");
         assert_eq!(shown(&"x".repeat(400_000)).chars().count(), LONGEST + 1);
     }
 

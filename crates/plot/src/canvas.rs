@@ -6,7 +6,7 @@
 use super::font;
 use super::theme::Colour;
 use omnidrones::error::{Error, Result};
-use omnidrones::internals::replace_with;
+use omnidrones::internals::{replace_with, steers};
 use plotters::prelude::{BitMapBackend, DrawingBackend, SVGBackend};
 use plotters::style::{Color, RGBAColor, RGBColor, ShapeStyle};
 use std::path::Path;
@@ -115,7 +115,7 @@ impl Canvas {
         if !text.is_empty() && at.0.is_finite() && at.1.is_finite() {
             self.shapes.push(Shape::Text {
                 at,
-                text: text.chars().take(LONGEST_TEXT).collect(),
+                text: text.chars().take(LONGEST_TEXT).map(|c| if steers(c) { '·' } else { c }).collect(),
                 em,
                 colour,
                 anchor,

@@ -1,6 +1,7 @@
 //! The HTML file: script, styles and flights in one, so that it opens from a disk without a network.
 
 use super::recording::Recording;
+use omnidrones::internals::steers;
 use serde_json::Value;
 
 const PAGE: &str = include_str!("../web/page.html");
@@ -40,10 +41,12 @@ fn filled(title: &str, flights: &Value, connect: &str) -> String {
 
 /// JSON in which a browser finds no end of its element: names come from files of anybody.
 fn data(value: &Value) -> String {
-    value.to_string().replace('<', "\\u003c")
+    let text: String = value.to_string().chars().map(|c| if steers(c) { '·' } else { c }).collect();
+    text.replace('<', "\\u003c")
 }
 
 fn escaped(text: &str) -> String {
+    let text: String = text.chars().map(|c| if steers(c) { '·' } else { c }).collect();
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }
 

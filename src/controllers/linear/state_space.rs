@@ -2,6 +2,7 @@
 
 use super::dense::{Complexes, ON_CIRCLE, ROUNDED};
 use crate::error::{Error, Result};
+use crate::names;
 use nalgebra::{Complex, DMatrix};
 use serde::{Deserialize, Serialize};
 
@@ -373,7 +374,7 @@ impl StateSpace {
 
 fn heading(signal: &Signal) -> String {
     let text = if signal.unit.is_empty() { signal.name.clone() } else { format!("{} ({})", signal.name, signal.unit) };
-    if text.contains([',', '"', '\n']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text }
+    names::quoted_cell(&text)
 }
 
 fn fits(what: &str, got: usize, want: usize) -> Result<()> {

@@ -5,7 +5,8 @@
 //! | `check` | what a mesh must be: closed, its outside out |
 //! | `heights` | a grid of heights as a closed mesh |
 //! | `table` | meshes in TOML, and the files that they name |
-//! | `present` | the tree of boxes that rays go down (obvhs) and files of triangles (stl_io): with the feature `mesh` |
+//! | `present` | how rays go down the tree of boxes (obvhs), and files of triangles (stl_io): with the feature `mesh` |
+//! | `boxes` | how that tree is made: in n log n, whatever the triangles |
 //! | `absent` | the error that there is in their place without it |
 //!
 //! A [`Mesh`] is seen by rays ([`sensors::cast`](crate::dynamics::sensors::cast)) from outside, as everything else. It exerts no
@@ -20,6 +21,8 @@ mod backend;
 #[cfg(feature = "mesh")]
 #[path = "present.rs"]
 mod backend;
+#[cfg(feature = "mesh")]
+mod boxes;
 mod check;
 mod heights;
 mod table;
@@ -34,7 +37,7 @@ use check::Triangles;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-pub(crate) use table::MeshTable;
+pub(crate) use table::{MeshTable, meshes};
 
 /// Most triangles of one mesh.
 pub const MAX_TRIANGLES: usize = 1_000_000;

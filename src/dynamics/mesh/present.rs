@@ -1,19 +1,17 @@
-//! The tree of boxes that rays go down, by obvhs, and files of triangles, by stl_io.
+//! How rays go down a tree of boxes, by obvhs, and files of triangles, by stl_io.
 //!
 //! The tree leaves out triangles that a ray cannot meet, and decides nothing: what it keeps is tried in `f64`, and of all hits
 //! the nearest counts, so the order in which boxes are opened changes no bit. Its boxes are `f32` about the middle of the mesh, and
 //! rays begin for it where they enter the ball around the mesh: what rounds is then below 2 · 10⁻⁶ of the ball's radius, and boxes are wider by [`SLACK`] of it.
 
+use super::boxes::tree;
 use super::check::Triangles;
 use super::{entry, sooner};
 use crate::dynamics::spatial::{Vec3, axpy, dot, sub};
 use crate::error::Result;
-use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
-use obvhs::bvh2::builder::build_bvh2;
 use obvhs::ray::{Ray, RayHit};
-use std::time::Duration;
 
 /// By how much boxes are wider, in radii of the ball around the mesh.
 const SLACK: f32 = 2e-5;
@@ -44,8 +42,7 @@ impl Tree {
                 Aabb { min: bound(f32::min, -SLACK).into(), max: bound(f32::max, SLACK).into() }
             })
             .collect();
-        // how long it takes is not asked
-        Ok(Self(build_bvh2(&boxes, BvhBuildParams::medium_build(), &mut Duration::default())))
+        Ok(Self(tree(&boxes)))
     }
 
     /// The nearest entry of a ray o + t d, 0 < t < `most`, and its triangle.

@@ -2,15 +2,22 @@
 
 use super::check::{Triangles, check_count};
 use super::{MAX_TRIANGLES, Mesh, Source, backend};
+use crate::dynamics::scene::MAX_ELEMENTS;
 use crate::dynamics::shape::upright;
 use crate::error::{Error, Result};
 use crate::file_gate;
+use crate::memory::Request;
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 /// Largest STL file, bytes: a million triangles are 50 MB in binary, and some five times as much as text.
 const MAX_STL_BYTES: u64 = 256 << 20;
+/// Fewest bytes of a triangle in a text, and most of memory that one takes while its tree is made.
+const TEXT_TRIANGLE: usize = 90;
+const TRIANGLE_BYTES: u128 = 400;
+/// Most triangles of all meshes of a scene, each counted where it stands: as many as rays can tell apart.
+const MAX_ALL: usize = crate::dynamics::sensors::cast::MAX_TRIANGLES;
 /// Largest file of heights, bytes.
 const MAX_CSV_BYTES: u64 = 64 << 20;
 
@@ -52,24 +59,61 @@ fn yes() -> bool {
     true
 }
 
+/// The meshes of a scene; names of files count from `folder`. A file that several of them name is read once, and their surface is
+/// one.
+///
+/// # Errors
+/// As [`MeshTable::mesh`]; more than [`MAX_ELEMENTS`] of them, or more than [`MAX_ALL`] triangles of all.
+pub(crate) fn meshes(tables: Vec<MeshTable>, folder: &Path) -> Result<Vec<Mesh>> {
+    if tables.len() > MAX_ELEMENTS {
+        let remedy = "Make one mesh of several.";
+        return Err(Error::limit("scene: number of meshes", tables.len(), MAX_ELEMENTS, remedy));
+    }
+    let (mut all, mut known, mut sum) = (Vec::with_capacity(tables.len()), HashMap::new(), 0);
+    for table in tables {
+        let file = table.file.as_ref().map(|file| (folder.join(file), table.spacing.map(|d| d.map(f64::to_bits))));
+        let alone = table.vertices.is_none() && table.triangles.is_none() && table.heights.is_none();
+        let mesh = match file.as_ref().filter(|_| alone).and_then(|file| known.get(file)) {
+            Some(mesh) => table.placed(Mesh::clone(mesh))?,
+            None => table.mesh(folder)?,
+        };
+        sum += mesh.n_triangle();
+        if sum > MAX_ALL {
+            let remedy = "Simplify meshes, or leave some out.";
+            return Err(Error::limit("scene: triangles of all meshes", sum, MAX_ALL, remedy));
+        }
+        if let Some(file) = file {
+            known.entry(file).or_insert_with(|| mesh.clone());
+        }
+        all.push(mesh);
+    }
+    Ok(all)
+}
+
 impl MeshTable {
     /// The mesh; names of files count from `folder`.
-    pub(crate) fn mesh(self, folder: &Path) -> Result<Mesh> {
+    pub(crate) fn mesh(mut self, folder: &Path) -> Result<Mesh> {
         backend::ready()?;
-        let what = format!("mesh '{}'", self.name);
         let (name, path) = (self.name.clone(), self.file.as_ref().map(|file| folder.join(file)));
-        let mesh = match (path, self.vertices, self.triangles, self.heights, self.spacing) {
+        let (vertices, triangles, heights) = (self.vertices.take(), self.triangles.take(), self.heights.take());
+        let mesh = match (path, vertices, triangles, heights, self.spacing) {
             (Some(path), None, None, None, spacing) => from_path(name, &path, spacing)?,
             (None, Some(vertices), Some(triangles), None, None) => Mesh::new(name, vertices, triangles)?,
             (None, None, None, Some(heights), Some(spacing)) => Mesh::height_field(name, heights, spacing)?,
             _ => {
-                let rule = "one of file, vertices with triangles, and heights with spacing";
+                let (what, rule) =
+                    (format!("mesh '{name}'"), "one of file, vertices with triangles, and heights with spacing");
                 return Err(Error::value(what, "none or several of them", rule, "Leave the other keys out."));
             }
         };
-        let (position, rotation, scale, contact) = (self.position, self.rotation, self.scale, self.contact);
-        let mesh = Mesh { position, rotation, scale, contact, ..mesh };
-        mesh.validate(&what)?;
+        self.placed(mesh)
+    }
+
+    /// A mesh of the same surface under the name and in the place of this table.
+    fn placed(self, mesh: Mesh) -> Result<Mesh> {
+        let Self { name, position, rotation, scale, contact, .. } = self;
+        let mesh = Mesh { name, position, rotation, scale, contact, ..mesh };
+        mesh.validate(&format!("mesh '{}'", mesh.name))?;
         Ok(mesh)
     }
 }
@@ -118,6 +162,7 @@ impl From<Mesh> for MeshTable {
 /// The triangles of an STL file; corners at the same place are one vertex.
 pub(super) fn read_stl(what: &str, path: &Path) -> Result<Triangles> {
     let bytes = file_gate::read(path, MAX_STL_BYTES)?;
+    check_memory(what, bytes.get(80..84).map_or(0, |n| most(&bytes, n)))?;
     let (mut vertices, mut triangles, mut known) = (Vec::new(), Vec::new(), HashMap::new());
     let refused = backend::corners_of_stl(bytes, &mut |corners| {
         let number = corners.map(|corner| {
@@ -140,6 +185,25 @@ pub(super) fn read_stl(what: &str, path: &Path) -> Result<Triangles> {
             remedy: "Save the mesh as STL again, binary or text.".into(),
         }),
     }
+}
+
+/// Most triangles that a file can hold; `count` is where a binary one says how many.
+fn most(bytes: &[u8], count: &[u8]) -> usize {
+    let told = count.try_into().map_or(0, u32::from_le_bytes) as usize;
+    if bytes.len() as u64 == 84 + 50 * told as u64 { told } else { bytes.len() / TEXT_TRIANGLE }
+}
+
+/// Asks for the memory of so many triangles before it is taken.
+fn check_memory(what: &str, n: usize) -> Result<()> {
+    let request = Request {
+        what: &format!("{what}: number of triangles"),
+        value: n,
+        bytes: n.min(MAX_TRIANGLES) as u128 * TRIANGLE_BYTES,
+        limit: u64::MAX,
+        setting: "the memory",
+        less: "Simplify the mesh",
+    };
+    request.check(|bytes| (u128::from(bytes) / TRIANGLE_BYTES).to_string())
 }
 
 /// The rows of a file of heights.

@@ -398,6 +398,67 @@ fn a_flight_in_a_scene_sees_its_meshes_and_nothing_touches_them() {
     assert_eq!(touched.shapes().len(), bare.shapes().len() + 1);
 }
 
+/// Tetrahedra along a line toward the origin whose sizes fall by 2^−`halvings` in all.
+fn falling(n: usize, halvings: f64) -> (Vec<Vec3<f64>>, Vec<[u32; 3]>) {
+    let (mut points, mut faces) = (Vec::new(), Vec::new());
+    for k in 0..n {
+        let (size, first) = ((-halvings * k as f64 / n as f64).exp2(), points.len() as u32);
+        let corners = [[1.0, 0.0, 0.0], [1.3, 0.0, 0.0], [1.0, 0.3, 0.0], [1.0, 0.0, 0.3]];
+        points.extend(corners.map(|p| scale(size, p)));
+        faces.extend([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]].map(|f: [u32; 3]| f.map(|i| first + i)));
+    }
+    (points, faces)
+}
+
+#[test]
+fn a_mesh_whose_triangles_shrink_toward_a_point_is_made_in_seconds_and_seen_as_triangle_by_triangle() {
+    let mut longest = 0.0_f64;
+    for (n, halvings) in [(15_000, 100.0), (4_000, 12.0), (4_000, 30.0), (4_000, 900.0), (4_000, 0.0), (3, 1.0)] {
+        let begun = std::time::Instant::now();
+        let falls = mesh("falls", falling(n, halvings)).placed();
+        longest = longest.max(begun.elapsed().as_secs_f64());
+        let mut r = stream(n as u64 + halvings as u64);
+        let mut hits = 0;
+        for _ in 0..20 {
+            let target = scale((-r.uniform(0.0, halvings)).exp2(), [1.05, r.uniform(0.0, 0.2), 0.05]);
+            let origin = [r.uniform(2.0, 3.0), r.uniform(-1.0, 3.0), 1.0];
+            let direction = sub(target, origin);
+            let met = falls.nearest(origin, direction, 1e3);
+            assert_eq!(met, falls.nearest_of_all(origin, direction), "{n} {halvings}");
+            hits += usize::from(met.is_some());
+        }
+        assert!(hits > 0, "{n} {halvings}");
+    }
+    println!("the longest took {longest:.2} s");
+    assert!(longest < 10.0, "{longest}");
+}
+
+#[test]
+fn a_file_that_many_meshes_name_is_read_once_and_all_of_them_are_counted() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("ball.stl"), stl(&ball(5, 1.0), true)).unwrap();
+    std::fs::write(folder.path().join("dem.csv"), "0.0, 0.5, 0.0\n0.1, 0.6, 0.1\n").unwrap();
+    let read = |n: usize, file: &str| {
+        let table = |k: usize| format!("[[mesh]]\nname = 'm{k}'\nposition = [{k}, 0, 0]\ncontact = false\n{file}\n");
+        let path = folder.path().join("scene.toml");
+        std::fs::write(&path, (0..n).map(table).collect::<String>()).unwrap();
+        Scene::from_toml_file(&path)
+    };
+    let begun = std::time::Instant::now();
+    for file in ["file = 'ball.stl'", "file = 'dem.csv'\nspacing = [1, 1]"] {
+        let scene = read(300, file).unwrap();
+        assert!(scene.mesh.iter().all(|mesh| Arc::ptr_eq(&mesh.surface, &scene.mesh[0].surface)), "{file}");
+        assert_eq!((scene.mesh[7].name.as_str(), scene.mesh[7].position), ("m7", [7.0, 0.0, 0.0]));
+        let text = read(4097, file).unwrap_err().to_string();
+        assert!(text.contains("number of meshes") && text.contains("4096"), "{text}");
+    }
+    // 409 of 20480 triangles each
+    assert!(read(396, "file = 'ball.stl'").is_ok());
+    let text = read(397, "file = 'ball.stl'").unwrap_err().to_string();
+    assert!(text.contains("triangles of all meshes") && text.contains("8126464"), "{text}");
+    println!("took {:.2} s", begun.elapsed().as_secs_f64());
+}
+
 #[test]
 #[ignore = "a measurement: cargo test --workspace --lib rays_per_second_at_five_thousand_triangles -- --ignored --nocapture"]
 fn rays_per_second_at_five_thousand_triangles() {

@@ -2,7 +2,7 @@
 
 use super::{Gate, Generator, Obstacle, Scene};
 use crate::dynamics::contact::ContactMaterial;
-use crate::dynamics::mesh::MeshTable;
+use crate::dynamics::mesh::{MeshTable, meshes};
 use crate::dynamics::relief::Relief;
 use crate::dynamics::vehicle_file::in_file;
 use crate::error::Result;
@@ -93,7 +93,7 @@ impl SceneFile {
         all.materials = self.materials;
         all.gates.extend(self.gates);
         all.obstacles.extend(self.obstacles);
-        all.mesh = self.mesh.into_iter().map(|table| table.mesh(folder)).collect::<Result<_>>()?;
+        all.mesh = meshes(self.mesh, folder)?;
         all.validate()?;
         Ok(all)
     }

@@ -67,10 +67,11 @@ impl Disk {
         self.change(Change::Rename, to, || fs::rename(from, to))
     }
 
-    /// Removes a folder with all that is in it, if it is there.
+    /// Removes a folder with all that is in it, if it is there; what is no folder, a link among that, alone.
     pub fn remove_folder(&self, path: &Path) -> Result<()> {
         match fs::symlink_metadata(path) {
             Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(()),
+            Ok(about) if !about.is_dir() => self.change(Change::Remove, path, || fs::remove_file(path)),
             _ => self.change(Change::Remove, path, || fs::remove_dir_all(path)),
         }
     }

@@ -50,7 +50,7 @@ mod corruption;
 mod disk;
 mod file;
 mod manifest;
-mod store;
+pub(crate) mod store;
 mod tensor;
 
 pub use disk::Entry;

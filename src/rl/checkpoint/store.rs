@@ -14,6 +14,8 @@ const MAX_UPDATE: u64 = 999_999_999;
 const SAVING: &str = ".saving";
 /// Being removed.
 const REMOVING: &str = ".removing";
+/// Held by who writes.
+const LOCK: &str = ".lock";
 
 /// The checkpoints of a run, to be read; needs no lock.
 #[derive(Debug)]
@@ -85,7 +87,7 @@ impl Store {
         Self { max_bytes, ..self }
     }
 
-    /// Updates of the checkpoints there are, in rising order, whole or not.
+    /// Updates of the checkpoints there are, in rising order, whole or not. What is no folder is no checkpoint, whatever it is called.
     ///
     /// # Errors
     /// [`Error::File`] if the folder cannot be read.
@@ -93,6 +95,9 @@ impl Store {
         let mut updates = Vec::new();
         for entry in std::fs::read_dir(&self.folder).map_err(|e| Error::file(&self.folder, e))? {
             let entry = entry.map_err(|e| Error::file(&self.folder, e))?;
+            if !entry.file_type().is_ok_and(|kind| kind.is_dir()) {
+                continue;
+            }
             let name = entry.file_name();
             let Some(update) = name.to_str().and_then(|name| name.parse().ok()) else { continue };
             if name == *folder_name(update) {
@@ -170,6 +175,80 @@ impl Store {
     }
 }
 
+/// Most things of one name that are put aside.
+const MAX_ASIDE: usize = 1000;
+
+/// Whether something bears a name that is no folder: a file, a pipe, a link.
+fn is_foreign(path: &Path) -> bool {
+    std::fs::symlink_metadata(path).is_ok_and(|about| !about.is_dir())
+}
+
+/// Removes the checkpoints of a run, so that another begins there; whatever else lies among them stays. Nothing is removed where
+/// one of them holds more than a checkpoint does.
+///
+/// # Errors
+/// [`Error::Value`] while another process writes there, and for files of others within a checkpoint; [`Error::File`] if the disk
+/// refuses.
+pub fn remove_checkpoints(run: &Path) -> Result<()> {
+    let writer = Store::open_to_write(run, 2)?;
+    let folder = &writer.store.folder;
+    let own = own_checkpoints(folder)?;
+    own.iter().try_for_each(|path| check_own(path))?;
+    own.iter().try_for_each(|path| writer.disk.remove_folder(path))?;
+    let folder = folder.clone();
+    drop(writer);
+    let lock = folder.join(LOCK);
+    std::fs::remove_file(&lock).map_err(|e| Error::file(&lock, e))?;
+    // what others put there stays
+    let _ = std::fs::remove_dir(folder);
+    Ok(())
+}
+
+/// Whether checkpoints of a run could be removed: see [`remove_checkpoints`].
+///
+/// # Errors
+/// As there.
+pub fn check_removable(run: &Path) -> Result<()> {
+    let folder = run.join("checkpoints");
+    file_gate::own_folder(&folder)?;
+    if !folder.is_dir() {
+        return Ok(());
+    }
+    own_checkpoints(&folder)?.iter().try_for_each(|path| check_own(path))
+}
+
+/// Folders of checkpoints, those put aside among them.
+fn own_checkpoints(folder: &Path) -> Result<Vec<PathBuf>> {
+    let refused = |e| Error::file(folder, e);
+    let mut own = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(refused)? {
+        let entry = entry.map_err(refused)?;
+        let name = entry.file_name().to_string_lossy().into_owned();
+        let digits = name.strip_suffix(".damaged").unwrap_or(&name);
+        let numbered = digits.parse().is_ok_and(|update| digits == folder_name(update));
+        if numbered && entry.file_type().map_err(refused)?.is_dir() {
+            own.push(entry.path());
+        }
+    }
+    Ok(own)
+}
+
+/// Refuses a folder of a checkpoint that holds more than its files.
+fn check_own(checkpoint: &Path) -> Result<()> {
+    let refused = |e| Error::file(checkpoint, e);
+    for entry in std::fs::read_dir(checkpoint).map_err(refused)? {
+        let entry = entry.map_err(refused)?;
+        let name = entry.file_name();
+        let ours = [super::MANIFEST, super::POLICY, super::STATE].iter().any(|own| name == *own);
+        if !ours || entry.file_type().map_err(refused)?.is_dir() {
+            let value = format!("'{}'", entry.path().display());
+            let remedy = "Move it elsewhere, or name another folder.";
+            return Err(Error::value("file in a checkpoint", value, "one of the run", remedy));
+        }
+    }
+    Ok(())
+}
+
 fn folder_name(update: u64) -> String {
     format!("{update:09}")
 }
@@ -185,7 +264,7 @@ impl Drop for Lock {
 }
 
 fn lock(folder: &Path) -> Result<Lock> {
-    let path = folder.join(".lock");
+    let path = folder.join(LOCK);
     file_gate::own(&path)?;
     let open = OpenOptions::new().create(true).truncate(false).write(true).open(&path);
     let file = open.map_err(|e| Error::file(&path, e))?;
@@ -232,7 +311,8 @@ impl Writer {
     }
 
     /// Saves a checkpoint newer than all others, then removes those older than the newest `keep` whole ones. Damaged
-    /// ones in its way, of the same or later updates, are put aside as `<update>.damaged`.
+    /// ones in its way, of the same or later updates, are put aside as `<update>.damaged`; so is what else bears its name, and
+    /// stays there.
     ///
     /// # Errors
     /// [`Error::Value`] if a whole one is not older, or the policy is not `f32`; [`Error::Limit`] for what could not be
@@ -284,11 +364,30 @@ impl Writer {
                 let remedy = "Go on from that one, discard it with Writer::discard_after, or train in another folder.";
                 return Err(Error::value("update of a checkpoint", update, limit, remedy));
             }
-            let aside = self.store.folder.join(format!("{}.damaged", folder_name(later)));
+            let aside = self.aside(later, "");
+            let aside = if is_foreign(&aside) { self.free(later)? } else { aside };
             self.disk.remove_folder(&aside)?;
             self.disk.rename(&self.store.path(later), &aside)?;
         }
+        let path = self.store.path(update);
+        if is_foreign(&path) {
+            self.disk.rename(&path, &self.free(update)?)?;
+        }
         Ok(())
+    }
+
+    fn aside(&self, update: u64, number: &str) -> PathBuf {
+        self.store.folder.join(format!("{}.damaged{number}", folder_name(update)))
+    }
+
+    /// A name to put something aside by that nothing has.
+    fn free(&self, update: u64) -> Result<PathBuf> {
+        let names = (0..MAX_ASIDE).map(|k| self.aside(update, &if k == 0 { String::new() } else { format!(".{k}") }));
+        let mut free = names.filter(|path| std::fs::symlink_metadata(path).is_err());
+        free.next().ok_or_else(|| {
+            let what = format!("{}: things in the way of a checkpoint", self.store.folder.display());
+            Error::limit(what, MAX_ASIDE + 1, MAX_ASIDE, "Remove those that end in .damaged.")
+        })
     }
 
     fn prune(&mut self) -> Result<()> {
@@ -605,15 +704,95 @@ mod tests {
         writer.save(&sample(3, 20)).unwrap();
     }
 
-    /// No right of a user's removes it, not even root's.
+    /// Makes a file, a pipe, a link to nothing, a link to a folder or an empty folder.
+    #[cfg(unix)]
+    fn put(kind: usize, at: &Path) {
+        match kind {
+            0 => std::fs::write(at, "theirs").unwrap(),
+            1 => assert!(std::process::Command::new("mkfifo").arg(at).status().unwrap().success()),
+            2 => std::os::unix::fs::symlink("nowhere", at).unwrap(),
+            3 => std::os::unix::fs::symlink(std::env::temp_dir(), at).unwrap(),
+            _ => std::fs::create_dir(at).unwrap(),
+        }
+    }
+
+    #[cfg(unix)]
     #[test]
-    fn a_file_where_a_folder_is_made_is_an_error_with_path_and_the_older_checkpoints_can_be_read() {
+    fn what_bears_the_name_of_a_checkpoint_and_is_none_stops_no_run_and_stays() {
+        for kind in 0..5 {
+            // the oldest, one between, the next to be saved, one beyond, those of a writer itself
+            for name in
+                ["000000000", "000000002", "000000003", "000000007", "notes", SAVING, REMOVING, "000000003.damaged"]
+            {
+                let run = tempfile::tempdir().unwrap();
+                drop(store_with(run.path(), &[1]));
+                let at = run.path().join("checkpoints").join(name);
+                put(kind, &at);
+                let told = format!("{name} of kind {kind}");
+                // whole ones may be removed; an empty folder of a later update is a damaged one
+                let mut writer = Store::open_to_write(run.path(), 2).unwrap_or_else(|e| panic!("{told}: {e}"));
+                assert_eq!(writer.latest().unwrap().unwrap().checkpoint.manifest.update, 1, "{told}");
+                for update in 2..6 {
+                    writer.save(&sample(update, 20)).unwrap_or_else(|e| panic!("{told}: {e}"));
+                }
+                let found = writer.latest().unwrap().unwrap();
+                assert!(same(&found.checkpoint, &sample(5, 20)) && found.skipped.len() <= 1, "{told}");
+                let theirs = kind < 4 && !name.starts_with('.');
+                let there = names(run.path()).iter().any(|own| own == name || *own == format!("{name}.damaged"));
+                assert!(there || !theirs, "{told}: {:?}", names(run.path()));
+            }
+        }
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn checkpoints_are_removed_and_nothing_of_others_is() {
+        let elsewhere = tempfile::tempdir().unwrap();
+        drop(store_with(elsewhere.path(), &[7]));
+        let theirs = elsewhere.path().join("checkpoints/000000007");
+        for kind in 0..5 {
+            let run = tempfile::tempdir().unwrap();
+            drop(store_with(run.path(), &[1, 2]));
+            let folder = run.path().join("checkpoints");
+            std::os::unix::fs::symlink(&theirs, folder.join("000000009")).unwrap();
+            put(kind, &folder.join("mine"));
+            // within a checkpoint: refused, and nothing is removed
+            let own = folder.join("000000001").join(["mine", "policy.pt", "a", "b", "c"][kind]);
+            put(kind, &own);
+            let text = remove_checkpoints(run.path()).unwrap_err().to_string();
+            assert!(text.contains("file in a checkpoint") && check_removable(run.path()).is_err(), "{text}");
+            assert!(Store::open(run.path()).unwrap().latest().unwrap().unwrap().folder.ends_with("000000002"));
+            if kind == 4 {
+                std::fs::remove_dir(own).unwrap()
+            } else {
+                std::fs::remove_file(own).unwrap()
+            }
+            remove_checkpoints(run.path()).unwrap();
+            assert_eq!(names(run.path()), ["000000009", "mine"], "{kind}");
+        }
+        assert_eq!(std::fs::read_dir(&theirs).unwrap().count(), 3);
+        let run = tempfile::tempdir().unwrap();
+        drop(store_with(run.path(), &[1, 2]));
+        let writer = Store::open_to_write(run.path(), 2).unwrap();
+        assert!(remove_checkpoints(run.path()).unwrap_err().to_string().contains("another process"));
+        drop(writer);
+        remove_checkpoints(run.path()).unwrap();
+        assert!(!run.path().join("checkpoints").exists());
+    }
+
+    /// No right of a user's makes a folder of it, not even root's.
+    #[test]
+    fn a_file_in_place_of_the_folder_is_an_error_with_path_and_a_run_goes_on_without_it() {
         let run = tempfile::tempdir().unwrap();
         let mut writer = store_with(run.path(), &[1, 2]);
-        let obstacle = run.path().join("checkpoints").join(SAVING);
-        std::fs::write(&obstacle, "").unwrap();
-        refuses(&mut writer, SAVING, "ot a directory");
-        std::fs::remove_file(obstacle).unwrap();
+        let (folder, aside) = (run.path().join("checkpoints"), run.path().join("aside"));
+        std::fs::rename(&folder, &aside).unwrap();
+        std::fs::write(&folder, "").unwrap();
+        let text = writer.save(&sample(3, 20)).unwrap_err().to_string();
+        assert!(text.contains("checkpoints") && text.contains("ot a directory"), "{text}");
+        std::fs::remove_file(&folder).unwrap();
+        std::fs::rename(&aside, &folder).unwrap();
+        assert!(same(&writer.store().latest().unwrap().unwrap().checkpoint, &sample(2, 20)));
         writer.save(&sample(3, 20)).unwrap();
     }
 

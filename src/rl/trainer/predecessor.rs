@@ -2,6 +2,7 @@
 
 use super::{Trainer, Watch};
 use crate::error::Result;
+use crate::file_gate;
 use crate::parallel::Threads;
 use crate::rl::config::TrainConfig;
 use crate::rl::policy::Policy;
@@ -43,6 +44,7 @@ pub(super) fn predecessor(
     let spec = spec(&task, &own)?;
     let mut trainer = Trainer::new(&task, own, threads.clone())?;
     if let Some(folder) = folder {
+        file_gate::own_folder(folder)?;
         trainer = trainer.in_folder(folder, true)?;
     }
     let told = trainer.run(watch)?;

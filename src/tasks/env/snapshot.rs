@@ -1,6 +1,6 @@
 //! The exact state of all environments as bytes.
 
-use super::block::EnvBlock;
+use super::block::{EnvBlock, episode_state};
 use super::{Env, spec};
 use crate::autodiff::lanes::first_lanes;
 use crate::autodiff::program::BLOCK;
@@ -38,16 +38,10 @@ impl Env {
     /// Continues from [`Env::save`]d bytes of an environment with the same configuration.
     ///
     /// # Errors
-    /// [`Error::Format`] for bytes of another configuration or that were damaged; nothing is changed then.
+    /// [`Error::Format`] for bytes of another configuration or that were damaged, and for numbers that are not finite;
+    /// [`Error::Value`] for counters of sensors that are none. Nothing is changed then.
     pub fn load(&mut self, bytes: &[u8]) -> Result<()> {
-        let refuse = |rule: &str, remedy: &str| {
-            Err(Error::Format {
-                file: "<saved environment>".into(),
-                place: "the bytes".into(),
-                rule: rule.into(),
-                remedy: remedy.into(),
-            })
-        };
+        let refuse = |rule: &str, remedy: &str| Err(refused("the bytes", rule, remedy));
         let wanted = self.saved_len();
         if bytes.len() != wanted || bytes[..8] != MAGIC || bytes[8..16] != self.fingerprint().to_le_bytes() {
             return refuse("are not of this configuration", "Build the environment as it was when it was saved.");
@@ -56,6 +50,7 @@ impl Env {
         if sum != spec::fnv(body).to_le_bytes() {
             return refuse("were damaged", "Use another copy.");
         }
+        self.check_saved(Words(&body[16..]))?;
         let mut words = Words(&body[16..]);
         for (i, block) in self.blocks.iter_mut().enumerate() {
             block.all_rows_mut().flatten().for_each(|x| *x = f32::from_le_bytes(words.take()));
@@ -77,6 +72,46 @@ impl Env {
         s.count = f64::from_le_bytes(words.take());
         self.freeze(s);
         self.look_around();
+        Ok(())
+    }
+
+    /// Checks all that [`Env::load`] could refuse, before anything is changed.
+    fn check_saved(&self, mut words: Words<'_>) -> Result<()> {
+        for (i, block) in self.blocks.iter().enumerate() {
+            // an event that never comes is infinitely far away
+            let event =
+                block.plant.rows.iter().count() + block.plant.numbers.iter().flatten().count() + episode_state::EVENT;
+            for row in 0..block.all_rows().count() {
+                for lane in 0..BLOCK {
+                    let x = f32::from_le_bytes(words.take());
+                    let fits = x.is_finite() || row == event && x == f32::INFINITY;
+                    check(fits, x, || format!("environment {}, row {row}", i * BLOCK + lane))?;
+                }
+            }
+            // seeds, episodes, which are started
+            for _ in 0..2 * BLOCK + 1 {
+                words.take::<8>();
+            }
+            for _ in 0..1 + 2 * block.sums.len() {
+                words.finite(|| format!("statistics of environments {} and more", i * BLOCK))?;
+            }
+            // all sets have the same settings
+            let mut sets = block.sensors.first().map_or_else(Vec::new, |own| own.sets.clone());
+            for lane in 0..block.sensors.len() {
+                for set in &mut sets {
+                    let what = || format!("sensors of environment {}", i * BLOCK + lane);
+                    let saved = (0..set.n_saved()).map(|_| words.finite(what)).collect::<Result<Vec<f64>>>()?;
+                    set.restore(&saved)?;
+                }
+            }
+        }
+        let difficulty = words.finite(|| "difficulty".into())?;
+        check((0.0..=1.0).contains(&difficulty), difficulty, || "difficulty".into())?;
+        words.take::<8>();
+        let s = &self.core.statistics;
+        for _ in 0..s.mean.len() + s.variance.len() + 1 {
+            words.finite(|| "statistics of observations".into())?;
+        }
         Ok(())
     }
 
@@ -102,7 +137,26 @@ impl Env {
 /// Bytes that are read from their beginning; zeros behind their end.
 struct Words<'a>(&'a [u8]);
 
+fn refused(place: &str, rule: &str, remedy: &str) -> Error {
+    let (file, place) = ("<saved environment>".into(), place.into());
+    Error::Format { file, place, rule: rule.into(), remedy: remedy.into() }
+}
+
+/// Refuses a number unless it fits there.
+fn check(fits: bool, x: impl std::fmt::Display, place: impl FnOnce() -> String) -> Result<()> {
+    if fits {
+        Ok(())
+    } else {
+        Err(refused(&place(), &format!("{x} is no number that can be there"), "Use another copy."))
+    }
+}
+
 impl Words<'_> {
+    fn finite(&mut self, place: impl FnOnce() -> String) -> Result<f64> {
+        let x = f64::from_le_bytes(self.take());
+        check(x.is_finite(), x, place).map(|()| x)
+    }
+
     fn take<const N: usize>(&mut self) -> [u8; N] {
         let Some((word, rest)) = self.0.split_first_chunk() else {
             return [0; N];

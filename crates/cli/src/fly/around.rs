@@ -33,7 +33,10 @@ impl Around {
     /// The scene of the arguments.
     pub fn of(a: &Arguments) -> Result<Option<Self>> {
         let Some(named) = a.scene.as_deref() else { return Ok(None) };
-        let scene = if is_path(named) { Scene::from_toml_file(named)? } else { Generator::parse(named)?.scene()? };
+        let scene = match Generator::parse(named) {
+            Err(_) if is_path(named) => Scene::from_toml_file(named)?,
+            known => known?.scene()?,
+        };
         if let Some(gate) = scene.gates.iter().find(|gate| gate.slide.is_some()) {
             let (what, rule) = (format!("--scene: gate '{}'", gate.name), "fixed where one flies alone");
             return Err(Error::value(what, "slides", rule, "Leave out its slide."));

@@ -62,9 +62,9 @@ pub fn dropped(a: &Arguments, robot: &Robot) -> Result<Report> {
     if a.replay {
         let mut recording = omnidrones_viewer::fall(&plant, &flight);
         recording.remark = format!("falls {height} m, rotors idle");
-        outputs.text("replay.html", omnidrones_viewer::page(&format!("{}: a drop", plant.name()), &[recording]))?;
+        outputs.text(files::REPLAY, omnidrones_viewer::page(&format!("{}: a drop", plant.name()), &[recording]))?;
     }
-    let written = outputs.written;
+    let written = outputs.done(super::is_picture)?;
     let success = flight.diverged_at.is_none() && !fallen.gained();
     Ok(Report::told(a.output.json, success, || fallen.json(&written), || fallen.page(&written)))
 }

@@ -18,6 +18,7 @@ use omnidrones::dynamics::sensors::SensorConfig;
 use omnidrones::dynamics::tree::{Motion, Multibody};
 use omnidrones::dynamics::{Plant, Quantity};
 use omnidrones::flight::{Commanded, FlightSummary};
+use omnidrones::internals;
 use omnidrones_plot::flight::FlightFigures;
 use omnidrones_plot::robot::{JointHistory, RobotFigures, joints};
 use omnidrones_plot::sensors::sensor_figures;
@@ -118,7 +119,10 @@ fn joint_csv(system: &Multibody, flight: &Flight) -> String {
         let body = &system.model().bodies()[*i];
         let turns = matches!(body.joint.motion, Motion::Revolute(_));
         let unit = if turns { "rad" } else { "m" };
-        let _ = write!(text, ",{0} [{unit}],{0} rate [{unit}/s]", body.joint.name);
+        let name = &body.joint.name;
+        let head =
+            [format!("{name} [{unit}]"), format!("{name} rate [{unit}/s]")].map(|own| internals::quoted_cell(&own));
+        let _ = write!(text, ",{}", head.join(","));
     }
     text.push('\n');
     for (time, row) in flight.log.time.iter().zip(flight.states.chunks_exact(system.rest_state().len())) {

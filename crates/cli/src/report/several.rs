@@ -3,24 +3,17 @@
 use super::runs::{self, BESIDE, Told, differing, dotted};
 use super::{Kind, Telling};
 use crate::baseline::{results, spec};
-use crate::over_seeds::{Failure, Outcome};
+use crate::over_seeds::{self, Failure, Outcome, best};
 use crate::prelude::*;
 use crate::train_all_plot::{self, Learnt};
 use crate::{train_all, train_search, train_seeds};
+use omnidrones::internals;
 use omnidrones::rl::TrainConfig;
 use omnidrones::rl::log::{self, Line};
-use omnidrones::rl::search::{SearchResult, Trial};
+use omnidrones::rl::search::SearchResult;
 use omnidrones::tasks::registry;
 use serde::Deserialize;
 use std::collections::BTreeMap;
-
-/// Largest file that is read, bytes.
-const MAX_JSON: u64 = 64 << 20;
-
-/// Whether a folder holds rows of 'train-all'.
-pub fn has_rows(folder: &Path) -> bool {
-    !train_all::read(folder, &|_| None).is_empty()
-}
 
 /// The chapter of a folder.
 pub(super) fn tell(page: &mut Page, folder: &Path, kind: &Kind, telling: &Telling) -> Result<()> {
@@ -37,12 +30,8 @@ pub(super) fn tell(page: &mut Page, folder: &Path, kind: &Kind, telling: &Tellin
 
 /// What a file of a folder says.
 fn read<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T> {
-    serde_json::from_str(&files::read_text(path, MAX_JSON)?).map_err(|error| Error::Format {
-        file: path.display().to_string(),
-        place: format!("line {}", error.line()),
-        rule: format!("{error}"),
-        remedy: "It is written by 'omnidrones train': make it anew.".into(),
-    })
+    let remedy = "It is written by 'omnidrones train': make it anew.";
+    internals::of_json(files::read_text(path, over_seeds::MAX_JSON)?.as_bytes(), &path.display().to_string(), remedy)
 }
 
 /// What `train --seeds` keeps of its runs.
@@ -85,41 +74,24 @@ fn seeds(page: &mut Page, folder: &Path, telling: &Telling) -> Result<()> {
     runs::settings(page, std::slice::from_ref(&one))
 }
 
-/// What a search keeps.
-#[derive(Deserialize)]
-struct Known {
-    candidates: BTreeMap<String, String>,
-    seeds: Vec<u64>,
-    trials: Vec<Trial>,
-    #[serde(default)]
-    failures: Vec<(usize, u64, String)>,
-}
-
 fn search(page: &mut Page, folder: &Path, telling: &Telling) -> Result<()> {
-    let known: Known = read(&folder.join("search.json"))?;
-    let name = |k: usize| format!("c{k}");
-    let configs: Vec<TrainConfig> = (0..known.candidates.len())
-        .filter_map(|k| Some((k, known.candidates.get(&name(k))?)))
-        .map(|(k, text)| TrainConfig::from_toml(text, &name(k)))
-        .collect::<Result<_>>()?;
+    let (search, trials, failures) = internals::told_search(folder)?;
+    let configs: Vec<TrainConfig> = search.candidates.iter().map(|(_, config)| config.clone()).collect();
     let names = named(&configs)?;
-    let key = |trial: &&Trial| (trial.rung, trial.mean());
-    let best = known.trials.iter().max_by(|a, b| {
-        let ((i, x), (j, y)) = (key(a), key(b));
-        i.cmp(&j).then(x[0].total_cmp(&y[0])).then(x[1].total_cmp(&y[1])).then(b.candidate.cmp(&a.candidate))
-    });
-    page.heading(&format!("A search over {} candidates, {} seeds", names.len(), known.seeds.len()));
-    let Some(best) = best.map(|trial| trial.candidate) else {
+    let best = best(&trials);
+    page.heading(&format!("A search over {} candidates, {} seeds", names.len(), search.seeds.len()));
+    let Some(best) = best else {
         page.line("No rung of it is over.");
         return Ok(());
     };
-    let told = SearchResult { winner: best, trials: known.trials, failures: known.failures };
+    let told = SearchResult { winner: best, trials, failures };
     page.table(train_search::table(&told, &names)).line(train_search::KEY);
     for (candidate, seed, why) in &told.failures {
         page.line(format!("{}, seed {seed}, failed: {why}", names[*candidate]));
     }
     page.figure(train_search::figure(&told, &names, "Search").svg()?);
-    let runs = known.seeds.iter().map(|seed| folder.join(name(best)).join(format!("s{seed}")));
+    let own = folder.join(&search.candidates[best].0);
+    let runs = search.seeds.iter().map(|seed| own.join(format!("s{seed}")));
     if let Some(run) = runs.into_iter().find(|run| run.join("checkpoints").is_dir()) {
         page.heading(&format!("The best: {}", names[best]));
         runs::tell(page, &[Told::of(&run, telling)?])?;
@@ -142,11 +114,15 @@ fn named(configs: &[TrainConfig]) -> Result<Vec<String>> {
 fn all(page: &mut Page, folder: &Path, telling: &Telling) -> Result<()> {
     let fly =
         |entry: &'static registry::Entry| telling.baseline(entry, &TrainConfig::for_task(entry.name, None, None).ok()?);
-    let lines = train_all::read(folder, &fly);
+    let (lines, unread) = train_all::read(folder, &fly);
+    for why in &unread {
+        eprintln!("warning: {}", shown(why));
+    }
     page.heading("Tasks").table(train_all::table(&lines)).line(train_all::key(&lines));
     page.line(
         "Mean over seeds, ± half the width of its 95 % confidence interval (least–largest); indented: our controller.",
     );
+    page.lines("Could not be read", unread);
     let learnt = train_all::learnt(&lines);
     if !learnt.is_empty() {
         page.heading("Learning curves").figure(train_all_plot::figure(&learnt).svg()?);

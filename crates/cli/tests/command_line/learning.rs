@@ -117,7 +117,7 @@ fn a_folder_in_use_is_refused_and_resumed_on_demand() {
     let plain = ["--no-plots", "--no-baseline"];
     json(folder, &[&tiny(&[])[..], &plain].concat());
     let (_, err) = exits(2, folder, &tiny(&[]));
-    assert!(err.contains("'runs/Hover-apg-s0', in use") && err.contains("--resume"), "{err}");
+    assert!(err.contains("'runs/Hover-apg-s0', which holds a run already") && err.contains("--resume"), "{err}");
     let longer = ["train", "hover", "--resume", "--updates", "30"];
     let told = json(folder, &[&longer[..], &plain].concat());
     assert_eq!((&told["updates"], &told["env_steps"]), (&30.into(), &(30 * 16 * 6).into()));
@@ -413,7 +413,7 @@ fn seeds_train_side_by_side_and_one_that_fails_leaves_the_others() {
     exits(0, folder, &tiny(&["--seed", "1", "--threads", "1", "--no-baseline", "--no-plots"]));
     assert_eq!(parameters(&format!("{out}/s1")), parameters("runs/Hover-apg-s1"));
     let (_, err) = exits(2, folder, &tiny(&["--seeds", "3"]));
-    assert!(err.contains("in use") && err.contains("--resume"), "{err}");
+    assert!(err.contains("which holds a run already") && err.contains("--resume"), "{err}");
     // held-out starts have seed 5: a run of that seed is refused
     let (told, _) = exits(1, folder, &tiny(&["--seeds", "3", "--seed", "4", "--set", "evaluate.seed=5", "--json"]));
     let told: Value = serde_json::from_str(&told).unwrap();

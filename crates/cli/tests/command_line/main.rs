@@ -5,6 +5,7 @@ mod command;
 mod control;
 mod general;
 mod hostile;
+mod keeping;
 mod learning;
 mod logs;
 mod promises;

@@ -51,6 +51,7 @@ pub mod world;
 
 pub use packets::Rays;
 pub use tiles::Camera;
+pub(crate) use world::MAX_TRIANGLES;
 pub use world::{GROUND, NOTHING, Owner, World};
 
 use crate::autodiff::lanes::Lanes;
