@@ -26,5 +26,5 @@ fn rows_that_are_kept_are_of_the_recipes_of_today() {
         }
         n += 1;
     }
-    assert!(n >= 29 && stale.is_empty(), "{n} rows, stale: {stale:?}");
+    assert!(n >= 30 && stale.is_empty(), "{n} rows, stale: {stale:?}");
 }
