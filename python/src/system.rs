@@ -2,7 +2,7 @@
 //! worth comes from the library's adjoint of a rollout.
 
 use crate::control::{data, gains_of, plant, vehicle};
-use crate::error::OrRaise;
+use crate::error::{OrRaise, interruptible};
 use crate::rows::{Rows, array, read, slice};
 use omnidrones::autodiff::{self, Gradient, Objective, Rollout, Scalar};
 use omnidrones::controllers::allocation::{self, Problem};
@@ -17,6 +17,9 @@ use pyo3::types::{PyDict, PyMapping};
 
 /// Steps of a trajectory whose inputs are made at once.
 const MOST_STEPS: usize = 1_000_000;
+
+/// Steps of a trajectory between two looks for signals.
+const PART: usize = 256;
 
 /// A system whose states have cotangents: those of the first T states stand behind the inputs of their steps, those of the last behind
 /// the parameters.
@@ -58,15 +61,31 @@ fn dot<S: Scalar>(a: &[S], b: &[S]) -> S {
 /// A recorded system, whichever it is.
 trait Recorded: Send + Sync {
     fn trajectory(&self, state: &[f64], inputs: &[f64], parameters: &[f64]) -> Vec<f64>;
-    fn gradient(&self, state: &[f64], inputs: &[f64], parameters: &[f64]) -> Gradient;
+    /// `None` where `goes_on` said no.
+    fn gradient(
+        &self,
+        state: &[f64],
+        inputs: &[f64],
+        parameters: &[f64],
+        goes_on: &mut dyn FnMut() -> bool,
+    ) -> Option<Gradient>;
 }
 
 impl<F: autodiff::System + Send> Recorded for Rollout<Weighed<F>, Worth> {
     fn trajectory(&self, state: &[f64], inputs: &[f64], parameters: &[f64]) -> Vec<f64> {
         Self::trajectory(self, state, inputs, parameters)
     }
-    fn gradient(&self, state: &[f64], inputs: &[f64], parameters: &[f64]) -> Gradient {
-        Self::gradient(self, state, inputs, parameters).1
+    fn gradient(
+        &self,
+        state: &[f64],
+        inputs: &[f64],
+        parameters: &[f64],
+        goes_on: &mut dyn FnMut() -> bool,
+    ) -> Option<Gradient> {
+        let zeros = |like: &[f64]| vec![0.0; like.len()];
+        let mut found = Gradient { state: zeros(state), inputs: zeros(inputs), parameters: zeros(parameters) };
+        self.gradient_while(&mut self.scratch(), state, inputs, parameters, &mut found, goes_on)?;
+        Some(found)
     }
 }
 
@@ -164,7 +183,16 @@ impl System {
         let inputs = Self::beside(slice(&own.inputs)?, own.n_step, &vec![0.0; own.n_step * n]);
         let theta = [own.parameters(self)?, &vec![0.0; n]].concat();
         let x = slice(&own.state)?;
-        let states = py.detach(|| self.recorded.trajectory(x, &inputs, &theta));
+        let width = self.sizes[1] + n;
+        let states = interruptible(py, |said| {
+            let mut states = x.to_vec();
+            for part in inputs.chunks(PART * width) {
+                said.looks()?;
+                let from = states.split_off(states.len() - n);
+                states.extend(self.recorded.trajectory(&from, part, &theta));
+            }
+            Ok(states)
+        })?;
         array(py, states, &[own.n_step + 1, n])
     }
 
@@ -186,7 +214,15 @@ impl System {
         let inputs = Self::beside(slice(&own.inputs)?, n_step, first);
         let theta = [own.parameters(self)?, last].concat();
         let x = slice(&own.state)?;
-        let down = py.detach(|| self.recorded.gradient(x, &inputs, &theta));
+        let down = interruptible(py, |said| {
+            let (mut stopped, recorded) = (Ok(()), &self.recorded);
+            let mut goes_on = || {
+                stopped = said.looks();
+                stopped.is_ok()
+            };
+            let found = recorded.gradient(x, &inputs, &theta, &mut goes_on);
+            stopped.map(|()| found.expect("nothing stopped it"))
+        })?;
         let by_input = down.inputs.chunks_exact(m + n).flat_map(|row| &row[..m]).copied().collect();
         let by_parameter = down.parameters[..p].to_vec();
         Ok((array(py, down.state, &[n])?, array(py, by_input, &[n_step, m])?, array(py, by_parameter, &[p])?))
