@@ -390,6 +390,20 @@ impl FlightLog {
         header
     }
 
+    /// About how many bytes [`write_csv`](Self::write_csv) writes, by some of its rows.
+    pub fn csv_size(&self) -> u64 {
+        const ROWS: usize = 16;
+        let (n, mut row) = (self.len(), Vec::new());
+        let seen = n.min(ROWS);
+        let mut letters = 0;
+        for k in 0..seen {
+            self.csv_row(k * n / seen, &mut row);
+            letters += row.iter().map(|x| x.to_string().len() + 1).sum::<usize>();
+        }
+        let head: usize = self.csv_header().iter().map(|name| name.len() + 1).sum();
+        (head + letters * n / seen.max(1)) as u64
+    }
+
     /// Row `i` in the order of [`csv_header`](Self::csv_header).
     fn csv_row(&self, i: usize, row: &mut Vec<f64>) {
         let n = self.n_rotor();

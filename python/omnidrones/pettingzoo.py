@@ -50,12 +50,13 @@ class parallel_env(ParallelEnv):
         if seed is None and not self._seeded:
             seed = int(np.random.default_rng().integers(2**63))
         self._seeded = True
+        self._action[:] = 0
         observation = self.batch.reset(seed)[0]
         self.agents = list(self.possible_agents)
         return {a: observation[k].copy() for a, k in self._row.items()}, {a: {} for a in self.agents}
 
     def step(self, actions: dict[str, Any]) -> tuple[dict[str, Any], ...]:
-        """One step of all agents; one that gives no action repeats its last."""
+        """One step of all agents; one that gives no action repeats its last of this episode, zeros before its first."""
         if not self.agents:
             raise RuntimeError("the episode is over. Call reset().")
         for agent, action in actions.items():
@@ -71,7 +72,7 @@ class parallel_env(ParallelEnv):
             {a: float(step.reward[0, self._row[a]]) for a in agents},
             dict.fromkeys(agents, terminated),
             dict.fromkeys(agents, truncated),
-            {a: info for a in agents},
+            {a: info.copy() for a in agents},
         )
 
     def state(self) -> NDArray[np.float32]:

@@ -28,11 +28,16 @@ class VecEnv(vec_env.VecEnv):
         spec = self.batch.spec
         self._action = np.zeros((num_envs, spec.n_agent * spec.n_action), np.float32)
         self._began = time.monotonic()
+        self._seeded = settings.get("seed") is not None
 
     def reset(self) -> NDArray[np.float32]:
-        """Begins episodes of all environments, with the seed that `seed` was given."""
+        """Begins episodes of all environments, with the seed that `seed` was given, the first time without one with one of NumPy's."""
         seeds = self._seeds
-        given = None if any(seed is None for seed in seeds) else seeds
+        given: int | list[int | None] | None = None if any(seed is None for seed in seeds) else seeds
+        if given is None and not self._seeded:
+            # of the generator that its `set_random_seed` seeds
+            given = int(np.random.randint(0, np.iinfo(np.uint32).max, dtype=np.uint32))
+        self._seeded = True
         self._reset_seeds()
         self.reset_infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         return self.batch.reset(given).reshape(self.num_envs, -1).copy()

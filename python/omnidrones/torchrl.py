@@ -39,6 +39,7 @@ class Env(EnvBase):
         flag = Categorical(2, (e, 1), dtype=torch.bool)
         self.done_spec = Composite(done=flag, terminated=flag.clone(), truncated=flag.clone(), shape=(e,))
         self._next_seed: int | None = None
+        self._seeded = settings.get("seed") is not None
 
     def _observed(self) -> torch.Tensor:
         return torch.from_numpy(self.batch.observation.reshape(self.batch.num_envs, -1).copy())
@@ -46,6 +47,10 @@ class Env(EnvBase):
     def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: Any) -> TensorDictBase:
         which = None if tensordict is None else tensordict.get("_reset", None)
         seed, self._next_seed = self._next_seed, None
+        if seed is None and not self._seeded:
+            # of the generator that `torch.manual_seed` seeds
+            seed = int(torch.randint(2**63 - 1, ()))
+        self._seeded = True
         mask = None if which is None or seed is not None else which.reshape(-1).numpy()
         self.batch.reset(seed, mask)
         done = torch.zeros(self.batch.num_envs, 1, dtype=torch.bool)

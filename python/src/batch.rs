@@ -584,8 +584,10 @@ pub fn _restore(
     let config = EnvConfig { seed, ..EnvConfig::from_toml(config, "pickled settings").or_raise()? };
     let mut env = VecEnv::made(py, registry::by_name(task).or_raise()?, &config, threads, ring)?;
     env.load(py, state)?;
-    // rewards, flags and info are those of a step, of which there was none yet
-    env.observe(py)?;
+    // rewards, flags and info are those of a step, of which there was none yet; before the first reset nothing is seen either
+    if env.env.is_started() {
+        env.observe(py)?;
+    }
     Ok(env)
 }
 

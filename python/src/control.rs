@@ -303,18 +303,16 @@ pub fn fly(
     let plant = self::plant(plant, plan.air_physics())?;
     let gains = gains_of(gains)?;
     let named = controller;
-    let (flight, judgement) = py
-        .detach(|| {
-            let setup = Setup::new(gains.as_ref(), &plan.rates);
-            let mut own = match named {
-                Some(name) => self::controller(name, &plant, &setup)?,
-                None => default_controller(&plant, &setup)?,
-            };
-            let flight = controllers::fly(&plant, &mut *own, &plan, &mut |_| ())?;
-            let judgement = judge(&plant, &flight, true)?;
-            Ok((flight, judgement))
-        })
-        .or_raise()?;
+    let (flight, judgement) = interruptible(py, |said| {
+        let setup = Setup::new(gains.as_ref(), &plan.rates);
+        let mut own = match named {
+            Some(name) => self::controller(name, &plant, &setup)?,
+            None => default_controller(&plant, &setup)?,
+        };
+        let flight = controllers::fly_while(&plant, &mut *own, &plan, &mut |_| said.looks())?;
+        let judgement = judge(&plant, &flight, true)?;
+        Ok((flight, judgement))
+    })?;
     Ok(Flight { flight, n_state: omnidrones::autodiff::System::n_state(&plant), judgement })
 }
 

@@ -6,6 +6,10 @@ use pyo3::exceptions::{
 };
 use pyo3::prelude::*;
 use std::io::ErrorKind;
+use std::time::{Duration, Instant};
+
+/// How often signals are looked for within a long call: between two looks Python does not hear of them.
+const LOOK: Duration = Duration::from_millis(100);
 
 /// What the library answered, for Python.
 pub trait OrRaise<T> {
@@ -35,28 +39,40 @@ fn raised(error: Error) -> PyErr {
 
 /// Runs what takes long without the interpreter, and raises what Python said within it in place of what that led to.
 ///
-/// `work` asks [`Said::hear`] now and then, which runs Python: a callback, or the handlers of signals.
+/// `work` asks [`Said::hear`] or [`Said::looks`] now and then, which runs Python: a callback, or the handlers of signals.
 pub fn interruptible<T: Send>(py: Python<'_>, work: impl FnOnce(&mut Said) -> Result<T, Error> + Send) -> PyResult<T> {
-    let mut said = Said(None);
+    let mut said = Said { raised: None, looked: Instant::now() };
     let outcome = py.detach(|| work(&mut said));
-    match said.0 {
+    match said.raised {
         Some(raised) => Err(raised),
         None => outcome.or_raise(),
     }
 }
 
 /// What Python raised while the library worked.
-pub struct Said(Option<PyErr>);
+pub struct Said {
+    raised: Option<PyErr>,
+    looked: Instant,
+}
 
 impl Said {
     /// What `python` gives, behind handlers of signals; `None` where one raised, which ends the work.
     pub fn hear<T>(&mut self, python: impl FnOnce(Python<'_>) -> PyResult<T>) -> Option<T> {
-        Python::attach(|py| py.check_signals().and_then(|()| python(py))).map_err(|e| self.0 = Some(e)).ok()
+        Python::attach(|py| py.check_signals().and_then(|()| python(py))).map_err(|e| self.raised = Some(e)).ok()
     }
 
     /// As [`hear`](Self::hear) for work that stops by an error.
     pub fn or_stop<T>(&mut self, python: impl FnOnce(Python<'_>) -> PyResult<T>) -> Result<T, Error> {
         self.hear(python).ok_or_else(|| Error::value("the caller", "interrupted", "running", ""))
+    }
+
+    /// Looks for signals if that was a while ago: cheap enough for every step of a simulation.
+    pub fn looks(&mut self) -> Result<(), Error> {
+        if self.looked.elapsed() < LOOK {
+            return Ok(());
+        }
+        self.looked = Instant::now();
+        self.or_stop(|_| Ok(()))
     }
 }
 

@@ -2,7 +2,7 @@
 //! worth comes from the library's adjoint of a rollout.
 
 use crate::control::{data, gains_of, plant, vehicle};
-use crate::error::OrRaise;
+use crate::error::{OrRaise, Said, interruptible};
 use crate::rows::{Rows, array, read, slice};
 use omnidrones::autodiff::{self, Gradient, Objective, Rollout, Scalar};
 use omnidrones::controllers::allocation::{self, Problem};
@@ -17,6 +17,9 @@ use pyo3::types::{PyDict, PyMapping};
 
 /// Steps of a trajectory whose inputs are made at once.
 const MOST_STEPS: usize = 1_000_000;
+
+/// Steps of a trajectory between two looks for signals.
+const PART: usize = 256;
 
 /// A system whose states have cotangents: those of the first T states stand behind the inputs of their steps, those of the last behind
 /// the parameters.
@@ -58,15 +61,31 @@ fn dot<S: Scalar>(a: &[S], b: &[S]) -> S {
 /// A recorded system, whichever it is.
 trait Recorded: Send + Sync {
     fn trajectory(&self, state: &[f64], inputs: &[f64], parameters: &[f64]) -> Vec<f64>;
-    fn gradient(&self, state: &[f64], inputs: &[f64], parameters: &[f64]) -> Gradient;
+    /// `None` where `goes_on` said no.
+    fn gradient(
+        &self,
+        state: &[f64],
+        inputs: &[f64],
+        parameters: &[f64],
+        goes_on: &mut dyn FnMut() -> bool,
+    ) -> Option<Gradient>;
 }
 
 impl<F: autodiff::System + Send> Recorded for Rollout<Weighed<F>, Worth> {
     fn trajectory(&self, state: &[f64], inputs: &[f64], parameters: &[f64]) -> Vec<f64> {
         Self::trajectory(self, state, inputs, parameters)
     }
-    fn gradient(&self, state: &[f64], inputs: &[f64], parameters: &[f64]) -> Gradient {
-        Self::gradient(self, state, inputs, parameters).1
+    fn gradient(
+        &self,
+        state: &[f64],
+        inputs: &[f64],
+        parameters: &[f64],
+        goes_on: &mut dyn FnMut() -> bool,
+    ) -> Option<Gradient> {
+        let zeros = |like: &[f64]| vec![0.0; like.len()];
+        let mut found = Gradient { state: zeros(state), inputs: zeros(inputs), parameters: zeros(parameters) };
+        self.gradient_while(&mut self.scratch(), state, inputs, parameters, &mut found, goes_on)?;
+        Some(found)
     }
 }
 
@@ -86,11 +105,22 @@ impl System {
         Ok(Self { recorded: Box::new(recorded), sizes, nominal })
     }
 
-    /// Rows, each with its own of `extra` behind it.
-    fn beside(rows: &[f64], n_row: usize, extra: &[f64]) -> Vec<f64> {
-        let (width, own) = (rows.len() / n_row.max(1), extra.len() / n_row.max(1));
-        let row = |t: usize| rows[t * width..(t + 1) * width].iter().chain(&extra[t * own..(t + 1) * own]);
-        (0..n_row).flat_map(row).copied().collect()
+    /// Rows of `width`, each with its own of `extra` numbers behind it.
+    fn beside(
+        (rows, width): (&[f64], usize),
+        (extra, own): (&[f64], usize),
+        n_row: usize,
+        said: &mut Said,
+    ) -> Result<Vec<f64>, Error> {
+        let mut all = Vec::with_capacity(rows.len() + extra.len());
+        for t in 0..n_row {
+            if t.is_multiple_of(PART) {
+                said.looks()?;
+            }
+            all.extend_from_slice(&rows[t * width..(t + 1) * width]);
+            all.extend_from_slice(&extra[t * own..(t + 1) * own]);
+        }
+        Ok(all)
     }
 }
 
@@ -160,11 +190,21 @@ impl System {
         parameters: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyAny>> {
         let own = Arguments::of(self, state, inputs, parameters)?;
-        let n = self.sizes[0];
-        let inputs = Self::beside(slice(&own.inputs)?, own.n_step, &vec![0.0; own.n_step * n]);
+        let [n, m, _] = self.sizes;
+        let (inputs, nothing) = (slice(&own.inputs)?, vec![0.0; PART * n]);
         let theta = [own.parameters(self)?, &vec![0.0; n]].concat();
         let x = slice(&own.state)?;
-        let states = py.detach(|| self.recorded.trajectory(x, &inputs, &theta));
+        let states = interruptible(py, |said| {
+            let mut states = x.to_vec();
+            for first in (0..own.n_step).step_by(PART) {
+                let steps = PART.min(own.n_step - first);
+                let part = (&inputs[first * m..(first + steps) * m], m);
+                let part = Self::beside(part, (&nothing, n), steps, said)?;
+                let from = states.split_off(states.len() - n);
+                states.extend(self.recorded.trajectory(&from, &part, &theta));
+            }
+            Ok(states)
+        })?;
         array(py, states, &[own.n_step + 1, n])
     }
 
@@ -183,10 +223,18 @@ impl System {
         let ([n, m, p], n_step) = (self.sizes, own.n_step);
         let up = read("cotangents", cotangents, &[n_step + 1, n])?;
         let (first, last) = slice(&up)?.split_at(n_step * n);
-        let inputs = Self::beside(slice(&own.inputs)?, n_step, first);
         let theta = [own.parameters(self)?, last].concat();
-        let x = slice(&own.state)?;
-        let down = py.detach(|| self.recorded.gradient(x, &inputs, &theta));
+        let (x, inputs) = (slice(&own.state)?, slice(&own.inputs)?);
+        let down = interruptible(py, |said| {
+            let inputs = Self::beside((inputs, m), (first, n), n_step, said)?;
+            let (mut stopped, recorded) = (Ok(()), &self.recorded);
+            let mut goes_on = || {
+                stopped = said.looks();
+                stopped.is_ok()
+            };
+            let found = recorded.gradient(x, &inputs, &theta, &mut goes_on);
+            stopped.map(|()| found.expect("nothing stopped it"))
+        })?;
         let by_input = down.inputs.chunks_exact(m + n).flat_map(|row| &row[..m]).copied().collect();
         let by_parameter = down.parameters[..p].to_vec();
         Ok((array(py, down.state, &[n])?, array(py, by_input, &[n_step, m])?, array(py, by_parameter, &[p])?))

@@ -249,3 +249,15 @@ def test_sensors_of_a_configuration_stand_behind_the_observation():
     assert seen.spec.n_observation == plain.spec.n_observation + 6
     assert omnidrones.make("Forest", 1).config["sensor"][0]["kind"] == "lidar"
     assert omnidrones.make("Forest", 1, sensor=[]).config["sensor"] == []
+
+
+@pytest.mark.parametrize("name", ["Hover", "Forest", "Formation"])
+def test_a_batch_that_was_not_reset_is_copied_and_pickled(name):
+    env = omnidrones.make(name, 3, seed=7)
+    twins = [copy.copy(env), copy.deepcopy(env), pickle.loads(pickle.dumps(env))]
+    for twin in twins:
+        with pytest.raises(ValueError, match="not started"):
+            twin.step(twin.sample(0))
+    first = env.reset().copy()
+    assert all(np.array_equal(twin.reset(), first) for twin in twins)
+    assert np.array_equal(copy.deepcopy(env).observation, first)

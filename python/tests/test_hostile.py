@@ -198,6 +198,34 @@ def test_an_interrupt_ends_a_long_call_within_seconds(call):
     assert said.endswith("interrupted") and seconds < 20, (said, seconds)
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+@pytest.mark.parametrize(
+    "call",
+    [
+        "omnidrones.fly('dragon', duration=3000)",
+        "omnidrones.fly('hummingbird', duration=9000)",
+        "loop.trajectory(state, inputs)",
+        "loop.pull(np.ones((len(inputs) + 1, loop.n_state)), state, inputs)",
+    ],
+)
+def test_an_interrupt_ends_a_simulation_within_a_second(call):
+    code = f"""
+    import omnidrones
+    import numpy as np
+    loop = omnidrones.Loop('firefly')
+    state, inputs = loop.initial_state(), np.tile(loop.inputs(1), (1_000_000, 1))
+    print('go', flush=True)
+    try:
+        {call}
+        print('ran to its end')
+    except KeyboardInterrupt:
+        print('interrupted')
+    """
+    said, seconds = _interrupted(code)
+    # the rest is the end of the process
+    assert said.endswith("interrupted") and seconds < 3, (said, seconds)
+
+
 def test_an_exception_of_a_callback_is_raised_and_nothing_else():
     def watch(progress):
         raise ZeroDivisionError("mine")

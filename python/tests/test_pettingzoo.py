@@ -35,6 +35,28 @@ def test_agents_see_and_do_what_the_batch_does(name, rng):
         assert np.array_equal(env.state(), batch.central[0])
 
 
+def test_what_one_agent_is_told_is_not_what_another_is_told():
+    env = parallel_env("Formation")
+    env.reset(seed=0)
+    *_, infos = env.step({agent: env.action_space(agent).sample() for agent in env.agents})
+    first, *others = env.possible_agents
+    told = dict(infos[first])
+    infos[first]["mine"] = 1
+    assert all(infos[other] == told for other in others)
+
+
+def test_an_action_of_an_episode_before_is_not_repeated():
+    for level in (0.7, -0.9):
+        used, fresh = parallel_env("Formation"), parallel_env("Formation")
+        used.reset(seed=1)
+        used.step({agent: np.full(used.action_space(agent).shape, level, np.float32) for agent in used.agents})
+        rows = []
+        for env in (used, fresh):
+            env.reset(seed=2)
+            rows.append(env.step({})[0])
+        assert all(np.array_equal(rows[0][agent], rows[1][agent]) for agent in used.possible_agents)
+
+
 def test_an_episode_that_is_over_takes_no_step():
     env = parallel_env("Formation", horizon=2)
     env.reset(seed=0)

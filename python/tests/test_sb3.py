@@ -10,6 +10,7 @@ import omnidrones
 pytest.importorskip("stable_baselines3")
 from stable_baselines3 import PPO  # noqa: E402
 from stable_baselines3.common.env_checker import check_env  # noqa: E402
+from stable_baselines3.common.utils import set_random_seed  # noqa: E402
 from stable_baselines3.common.vec_env import VecCheckNan, VecMonitor, VecNormalize  # noqa: E402
 
 from omnidrones.sb3 import VecEnv  # noqa: E402
@@ -47,6 +48,22 @@ def test_its_seed_is_ours():
         env.seed(3)
         rows.append(env.reset())
     assert np.array_equal(*rows)
+
+
+def test_without_a_seed_it_draws_one_and_goes_on_from_it():
+    def begun(seed=None):
+        if seed is not None:
+            set_random_seed(seed)
+        env = VecEnv("Hover", 4)
+        return env.reset(), env.reset()
+
+    starts = [begun()[0] for _ in range(3)]
+    assert not any(np.array_equal(a, b) for a in starts for b in starts if a is not b)
+    (first, second), (again, _), (third, _) = (begun(seed) for seed in (5, 5, 6))
+    assert np.array_equal(first, again) and not np.array_equal(first, second) and not np.array_equal(first, third)
+    for seed in (0, 3):
+        own = omnidrones.make("Hover", 4, seed=seed).reset().reshape(4, -1)
+        assert np.array_equal(VecEnv("Hover", 4, seed=seed).reset(), own)
 
 
 def test_ppo_runs_unchanged():

@@ -86,3 +86,13 @@ def test_references_that_fly_refuses_are_refused(reference):
 def test_inputs_of_parts_are_those_of_the_whole():
     loop = omnidrones.Loop("hummingbird")
     assert np.array_equal(np.vstack([loop.inputs(30), loop.inputs(20, first=30)]), loop.inputs(50))
+
+
+def test_a_trajectory_has_the_bits_of_its_parts(rng):
+    loop = omnidrones.Loop("hummingbird")
+    state, inputs = loop.initial_state(), loop.inputs(700)
+    whole = loop.trajectory(state, inputs)
+    for cut in rng.integers(1, 700, 3):
+        parts = [loop.trajectory(state, inputs[:cut])]
+        parts.append(loop.trajectory(parts[0][-1], inputs[cut:])[1:])
+        assert np.array_equal(np.vstack(parts), whole)

@@ -99,6 +99,9 @@ enum StepScratch {
     Program(Workspace),
 }
 
+/// Steps after which a sweep asks whether it goes on, a multiple of [`LINE`]; at the end of a segment besides.
+const ASKED: usize = 256;
+
 /// Bytes of states up to which all are kept.
 const KEPT: usize = 1 << 20;
 
@@ -253,6 +256,23 @@ impl<F: System, C: Objective> Rollout<F, C> {
         parameters: &[f64],
         gradient: &mut Gradient,
     ) -> f64 {
+        self.gradient_while(scratch, state, inputs, parameters, gradient, &mut || true).unwrap_or(f64::NAN)
+    }
+
+    /// As [`Rollout::gradient_into`], given up where `goes_on`, which is asked every few hundred steps, says no: `None` then, and
+    /// `gradient` holds nothing of use.
+    ///
+    /// # Panics
+    /// As [`Rollout::gradient_into`].
+    pub fn gradient_while(
+        &self,
+        scratch: &mut Scratch,
+        state: &[f64],
+        inputs: &[f64],
+        parameters: &[f64],
+        gradient: &mut Gradient,
+        goes_on: &mut dyn FnMut() -> bool,
+    ) -> Option<f64> {
         let (n, m, _) = self.sizes();
         let horizon = inputs.len() / m.max(1);
         let mut segment = segment_length(horizon, n);
@@ -261,7 +281,7 @@ impl<F: System, C: Objective> Rollout<F, C> {
             segment = root(horizon.max(1));
         }
         scratch.longest = scratch.longest.max(horizon);
-        self.gradient_by(segment, scratch, state, inputs, parameters, gradient)
+        self.gradient_by(segment, scratch, (state, inputs, parameters), gradient, goes_on)
     }
 
     /// With so many states kept at a time.
@@ -269,18 +289,17 @@ impl<F: System, C: Objective> Rollout<F, C> {
         &self,
         segment: usize,
         scratch: &mut Scratch,
-        state: &[f64],
-        inputs: &[f64],
-        parameters: &[f64],
+        (state, inputs, parameters): (&[f64], &[f64], &[f64]),
         gradient: &mut Gradient,
-    ) -> f64 {
+        goes_on: &mut dyn FnMut() -> bool,
+    ) -> Option<f64> {
         let (n, m, p) = self.sizes();
         assert_eq!((state.len(), parameters.len()), (n, p), "lengths of state and parameters");
         assert!(m > 0 && inputs.len().is_multiple_of(m), "inputs are rows of {m} numbers, not {} in all", inputs.len());
         assert_eq!((gradient.state.len(), gradient.parameters.len()), (n, p), "lengths of the gradient");
         let horizon = inputs.len() / m;
         scratch.segment.resize((segment + 1) * n, 0.0);
-        let mut cost = self.sweep_forward(scratch, segment, state, inputs, parameters);
+        let mut cost = self.sweep_forward(scratch, segment, (state, inputs, parameters), goes_on)?;
         cost += self.start_backward(scratch, parameters, gradient);
         for s in (0..scratch.anchors.len() / n).rev() {
             let (from, to) = (s * segment, ((s + 1) * segment).min(horizon));
@@ -289,6 +308,9 @@ impl<F: System, C: Objective> Rollout<F, C> {
             }
             self.write_parameters(scratch, parameters);
             for first in (from..to).step_by(LINE).rev() {
+                if (first - from).is_multiple_of(ASKED) && !goes_on() {
+                    return None;
+                }
                 let steps = first..to.min(first + LINE);
                 self.prepare(scratch, &inputs[first * m..steps.end * m], (first - from) * n);
                 for k in steps.rev() {
@@ -297,17 +319,26 @@ impl<F: System, C: Objective> Rollout<F, C> {
                 }
             }
         }
-        cost
+        Some(cost)
     }
 
     /// Runs the rollout, keeps the start of each segment and the whole of the last; returns Σ c.
-    fn sweep_forward(&self, w: &mut Scratch, segment: usize, state: &[f64], inputs: &[f64], theta: &[f64]) -> f64 {
+    fn sweep_forward(
+        &self,
+        w: &mut Scratch,
+        segment: usize,
+        (state, inputs, theta): (&[f64], &[f64], &[f64]),
+        goes_on: &mut dyn FnMut() -> bool,
+    ) -> Option<f64> {
         let (n, m, _) = self.sizes();
         let mut cost = 0.0;
         w.anchors.clear();
         w.segment[..n].copy_from_slice(state);
         w.results[..n].copy_from_slice(state);
         for (k, u) in inputs.chunks_exact(m).enumerate() {
+            if k.is_multiple_of(ASKED) && !goes_on() {
+                return None;
+            }
             let at = (k % segment) * n;
             if at == 0 {
                 w.anchors.extend_from_slice(&w.results[..n]);
@@ -319,7 +350,7 @@ impl<F: System, C: Objective> Rollout<F, C> {
             self.system.step(x, u, theta, &mut rest[..n]);
             w.results[..n].copy_from_slice(&rest[..n]);
         }
-        cost
+        Some(cost)
     }
 
     /// λ_T into `gradient.state`, ∂c_T/∂θ into `gradient.parameters`; returns c_T.
@@ -478,10 +509,38 @@ mod tests {
         let (cost, whole) = rollout.gradient(&x, &inputs, &theta);
         for segment in [1, 7, 8, 11, 101] {
             let mut own = whole.clone();
-            let again = rollout.gradient_by(segment, &mut rollout.scratch(), &x, &inputs, &theta, &mut own);
-            assert_eq!((cost, &whole), (again, &own), "{segment} states at a time");
+            let again =
+                rollout.gradient_by(segment, &mut rollout.scratch(), (&x, &inputs, &theta), &mut own, &mut || true);
+            assert_eq!((Some(cost), &whole), (again, &own), "{segment} states at a time");
         }
         assert_eq!(segment_length(500, 17), 500);
         assert_eq!(segment_length(10_000, 17), 100);
+    }
+
+    #[test]
+    fn a_gradient_is_given_up_at_whichever_question_is_answered_no_and_has_its_bits_otherwise() {
+        let system = Multirotor::new(&vehicles::by_name("hummingbird").unwrap(), Physics::default()).unwrap();
+        let (x, inputs) = (system.hover_state([0.0, 0.0, 1.0]).unwrap(), vec![-0.2; 4 * 1000]);
+        let rollout = Rollout::new(system, Distance).unwrap();
+        let (cost, whole) = rollout.gradient(&x, &inputs, &[]);
+        let mut own = whole.clone();
+        for segment in [90, 1000] {
+            let asked_until = |last: usize, own: &mut Gradient| {
+                let mut asked = 0;
+                let mut goes_on = || {
+                    asked += 1;
+                    asked <= last
+                };
+                let by = rollout.gradient_by(segment, &mut rollout.scratch(), (&x, &inputs, &[]), own, &mut goes_on);
+                (by, asked)
+            };
+            let (by, asked) = asked_until(usize::MAX, &mut own);
+            assert_eq!((by, &own), (Some(cost), &whole));
+            // forward over 1000 steps, and once per segment or every 256 steps backward
+            assert!(asked >= 2 * 1000 / ASKED, "{asked}");
+            for last in 0..asked {
+                assert_eq!(asked_until(last, &mut own), (None, last + 1));
+            }
+        }
     }
 }

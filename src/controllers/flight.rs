@@ -237,8 +237,24 @@ pub fn fly(
     plan: &FlightPlan,
     progress: &mut dyn FnMut(u64),
 ) -> Result<Flight> {
+    fly_while(plant, controller, plan, &mut |k| {
+        progress(k);
+        Ok(())
+    })
+}
+
+/// As [`fly`], ended by the first error of `progress`, which is handed on.
+///
+/// # Errors
+/// As [`fly`], and that of `progress`.
+pub fn fly_while(
+    plant: &Plant,
+    controller: &mut dyn Controller,
+    plan: &FlightPlan,
+    progress: &mut dyn FnMut(u64) -> Result<()>,
+) -> Result<Flight> {
     let start = start_on(plant, controller, &plan.reference)?;
-    fly_from(plant, controller, plan, &start, progress)
+    flown(plant, controller, plan, &start, progress)
 }
 
 /// As [`fly`], from any state of the plant.
@@ -251,6 +267,19 @@ pub fn fly_from(
     plan: &FlightPlan,
     state: &[f64],
     progress: &mut dyn FnMut(u64),
+) -> Result<Flight> {
+    flown(plant, controller, plan, state, &mut |k| {
+        progress(k);
+        Ok(())
+    })
+}
+
+fn flown(
+    plant: &Plant,
+    controller: &mut dyn Controller,
+    plan: &FlightPlan,
+    state: &[f64],
+    progress: &mut dyn FnMut(u64) -> Result<()>,
 ) -> Result<Flight> {
     let n_step = plan.n_step()?;
     plant.check_state(state)?;
@@ -299,7 +328,7 @@ pub fn fly_from(
             smoothest.consider(plant, k, (&x, &memory), system.applied(), &outside.air);
         }
         std::mem::swap(&mut x, &mut next);
-        progress(k);
+        progress(k)?;
     }
     Ok(Flight { log, states, diverged_at, smoothest })
 }

@@ -104,7 +104,7 @@ pub use closed_loop::{ClosedLoop, Outside};
 pub use confidence::{Quantile, Share, clopper_pearson};
 pub use controller::{Controller, Measurement, Note, Passive, Target};
 pub use fault_tolerant::FaultTolerant;
-pub use flight::{Flight, FlightPlan, SmoothPoint, fly, fly_from, fly_vehicle};
+pub use flight::{Flight, FlightPlan, SmoothPoint, fly, fly_from, fly_vehicle, fly_while};
 pub use formation::{FormationController, FormationLaw};
 pub use hover_axes::HoverAxes;
 pub use hover_feedback::{HoverFeedback, HoverWeights};

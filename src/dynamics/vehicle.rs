@@ -66,7 +66,7 @@ impl Inertia {
         finite(&format!("{what}: inertia"), &[self.xx, self.yy, self.zz, self.xy, self.xz, self.yz])?;
         let mut p: Vec<f64> = self.matrix().symmetric_eigenvalues().iter().copied().collect();
         p.sort_by(f64::total_cmp);
-        let text = format!("with principal moments ({:.4e}, {:.4e}, {:.4e}) kg m²", p[0], p[1], p[2]);
+        let text = format!("a tensor of principal moments ({:.4e}, {:.4e}, {:.4e}) kg m²", p[0], p[1], p[2]);
         let slack = 1e-6 * p[2].abs();
         if p[0] < -slack {
             return Err(Error::value(

@@ -222,9 +222,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     if a.gradient {
         gradient(&mut page, &subject, &answer);
     }
-    if let Some(file) = &a.output.plot {
-        page.line(format!("\nwritten {}", file.display()));
-    }
+    page.written(a.output.plot.as_slice());
     Ok(Report::page(&page, true))
 }
 

@@ -73,8 +73,9 @@ pub struct FlightArguments {
     pub rates: Option<Rates>,
     /// Gains: published, derived (from inertia and motor lag), or a TOML file
     ///
-    /// Published gains are used where they exist, else derived ones. A file holds four lines, each per body axis, and, to
-    /// integrate, a fifth of force and moment:
+    /// Published gains are used where they exist, else derived ones.
+    /// A file holds four lines, each per body axis, and to integrate
+    /// a fifth, of force and moment:
     ///   position = [4, 4, 4]               # K_p, 1/s²
     ///   velocity = [2.2, 2.2, 2.2]         # K_v, 1/s
     ///   attitude = [0.7, 0.7, 0.035]       # K_R, N m/rad
@@ -223,6 +224,16 @@ pub fn one_of<T: Clone + Send + Sync + 'static>(
         let known = all.iter().find(|(name, ..)| *name == given);
         known.map(|(.., value)| value.clone()).ok_or("it is not known")
     })
+}
+
+/// Refuses --mcap where this program was built without it.
+pub fn check_mcap(asked: bool) -> Result<()> {
+    if cfg!(feature = "mcap") || !asked {
+        return Ok(());
+    }
+    let remedy =
+        "Build it so: cargo install --path crates/cli --features mcap. --csv, --npz and --replay need nothing.";
+    Err(Error::value("--mcap", "given", "left out by a program that was built without it", remedy))
 }
 
 /// Where output goes, and in what form.

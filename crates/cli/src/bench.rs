@@ -129,9 +129,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
         table.row([first, &row.name, &short(row.value, 4), row.unit, &ratio, against].map(str::to_string));
     }
     page.table(table);
-    for path in &written {
-        page.line(format!("written {}", path.display()));
-    }
+    page.written(&written);
     Ok(Report::page(&page, true))
 }
 

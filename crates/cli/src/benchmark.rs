@@ -151,9 +151,7 @@ fn page(benchmark: &Tracking, rows: &[TrackingRow], written: &[PathBuf]) -> Page
         page.line(format!("  {beside}"));
     }
     page.line(format!("\n  errors over {COUNTED} s, of flights that did not crash"));
-    for path in written {
-        page.line(format!("written {}", path.display()));
-    }
+    page.written(written);
     page
 }
 

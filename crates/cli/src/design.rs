@@ -191,7 +191,7 @@ fn draw(
     }
     let loops = Loops::of(found)?;
     if let Some(file) = &a.output.plot {
-        loops.bode(&source.vehicle.name).save(file)?;
+        loops.bode(&source.vehicle.name, found).save(file)?;
     }
     let Some(file) = &a.report else { return Ok(()) };
     let subject = Subject { arguments: a, source, gains, gains_name, found, loops: &loops, plants, stable };
@@ -292,7 +292,7 @@ fn trim_facts(a: &Arguments, found: &Findings) -> Vec<Fact> {
     });
     vec![
         Fact::new("hover in", air),
-        Fact::new("roll, pitch", format!("{}, {} °", short(tidy(roll), 3), short(tidy(pitch), 3))),
+        Fact::new("roll, pitch", format!("{}, {}°", short(tidy(roll), 3), short(tidy(pitch), 3))),
         Fact::new("commands", commands.join(", ")).note("−1 stands, 1 is full thrust"),
         Fact::new("at a limit", trim.limited.len().to_string()),
     ]
@@ -355,7 +355,7 @@ fn loop_facts(gains: &str, a: &Arguments, found: &Findings, stable: bool) -> Vec
     ];
     if let Some(all) = &found.all {
         facts.push(Fact::new("disk margin, all commands", short(all.alpha, 3)).note(format!(
-            "gains {} to {} or phases of {} ° in every command at once, met at {} rad/s",
+            "gains {} to {} or phases of {}° in every command at once, met at {} rad/s",
             short(all.gain.0, 3),
             unlimited(all.gain.1, 3),
             short(degrees(all.phase), 3),

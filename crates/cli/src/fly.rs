@@ -187,7 +187,7 @@ pub struct Arguments {
     #[arg(long, group = "logged", conflicts_with = "drop", help_heading = "Output")]
     npz: bool,
     /// Write flight.mcap, for Foxglove and rerun
-    #[cfg(feature = "mcap")]
+    #[cfg_attr(not(feature = "mcap"), arg(hide = true))]
     #[arg(long, group = "logged", conflicts_with = "drop", help_heading = "Output")]
     mcap: bool,
     /// What sensors read, as plots and into the log (--csv, --npz): KIND[:PRESET],…, or a TOML file with [[sensor]] tables
@@ -227,10 +227,7 @@ impl Arguments {
 
     /// Whether a log for Foxglove and rerun is wanted.
     fn mcap(&self) -> bool {
-        #[cfg(feature = "mcap")]
-        return self.mcap;
-        #[cfg(not(feature = "mcap"))]
-        return false;
+        cfg!(feature = "mcap") && self.mcap
     }
 
     fn turns(&self) -> bool {
@@ -268,6 +265,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
         return Err(Error::value("--max-rmse", limit, "> 0 m", "Leave it out to accept any finite error."));
     }
     a.flight.check()?;
+    arguments::check_mcap(a.mcap)?;
     let configuration = a.named().is_some_and(|named| robot::configuration(named).is_some());
     if !configuration && a.drop.is_none() {
         return flown(a, vehicle(a, Around::of(a)?)?);
@@ -380,8 +378,8 @@ fn sensors(a: &Arguments, plant: &Plant) -> Result<Vec<SensorConfig>> {
         },
     };
     SensorSet::new(&list, plant.physics().dt, &plant.body_names())?;
-    if !list.is_empty() && a.output.no_plots && !(a.csv || a.npz || a.mcap()) {
-        let remedy = "Add --csv or --npz, or leave --no-plots out.";
+    if !list.is_empty() && a.output.no_plots && !(a.csv || a.npz || a.mcap() || a.replay) {
+        let remedy = "Add --csv, --npz or --replay, or leave --no-plots out.";
         return Err(Error::value("--sensors", "neither drawn nor in a log", "to be read by somebody", remedy));
     }
     Ok(list)

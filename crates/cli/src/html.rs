@@ -10,9 +10,9 @@ use std::fmt::Write;
 const STYLE: &str = "\
 body{font:14px/1.45 system-ui,sans-serif;color:#212529;background:#fff;max-width:1000px;margin:2em auto;padding:0 1em}\
 h1{font-size:1.6em;margin:0}h2{font-size:1.15em;margin:1.8em 0 .5em;border-bottom:1px solid #dee2e6}\
-p{margin:.4em 0}.remark,td.note{color:#5b6168}table{border-collapse:collapse;font-variant-numeric:tabular-nums}\
+p{margin:.4em 0}h1,h2,h3,p{overflow-wrap:anywhere}.remark,td.note{color:#5b6168}table{border-collapse:collapse;font-variant-numeric:tabular-nums}\
 td,th{padding:.15em .9em .15em 0;text-align:left;vertical-align:top}th{border-bottom:1px solid #adb5bd}\
-td{white-space:nowrap}td.note,td:last-child:not(.r){white-space:normal}.r{text-align:right}.wide{overflow-x:auto}figure{margin:1em 0}svg{max-width:100%;height:auto}\
+td{white-space:nowrap}td.note,td:last-child:not(.r){white-space:normal}.r{text-align:right}.wide{overflow-x:auto;max-width:100%}figure{margin:1em 0}svg{max-width:100%;height:auto}\
 h3{font-size:1em;margin:1.2em 0 .3em}pre{background:#f6f8fa;padding:.6em .9em;overflow-x:auto}summary{cursor:pointer}\
 iframe{display:block;width:100%;height:560px;border:1px solid #dee2e6;border-radius:6px}\
 @media print{body{margin:0;max-width:none;font-size:11px}table,figure{break-inside:avoid}h2{break-after:avoid}iframe{display:none}}";
@@ -33,7 +33,10 @@ pub fn html(page: &Page) -> String {
             Block::Notes(word, texts) => {
                 texts.iter().try_for_each(|text| writeln!(body, "<p>{} {}</p>", escaped(word), escaped(text)))
             }
-            Block::Facts(facts) => writeln!(body, "<table>\n{}</table>", facts.iter().map(fact).collect::<String>()),
+            Block::Facts(facts) => {
+                let rows: String = facts.iter().map(fact).collect();
+                writeln!(body, "<div class=\"wide\"><table>\n{rows}</table></div>")
+            }
             Block::Table(own) => table(&mut body, own),
             Block::Figure(svg, _) => writeln!(body, "<figure>{}</figure>", svg.trim()),
             Block::Folded(summary, text) => {

@@ -89,7 +89,7 @@ use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use omnidrones::internals;
 use serde_json::{Value, json};
 use std::ffi::OsString;
-use std::io::{ErrorKind, Write};
+use std::io::{ErrorKind, IsTerminal, Write};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -351,6 +351,11 @@ pub fn outcome(words: impl IntoIterator<Item = OsString>) -> Result<omnidrones::
     })
 }
 
+/// Whether styles are not wanted.
+fn plain() -> bool {
+    std::env::var_os("NO_COLOR").is_some_and(|v| !v.is_empty()) || std::env::var_os("TERM").is_some_and(|v| v == "dumb")
+}
+
 fn print(report: &Report) -> ExitCode {
     let mut stdout = std::io::stdout().lock();
     match stdout.write_all(report.text.as_bytes()).and_then(|()| stdout.flush()) {
@@ -367,7 +372,14 @@ fn asked_for_json() -> bool {
 
 fn fail(message: &str) -> ExitCode {
     let message = words::shown_lines(message);
-    let _ = writeln!(std::io::stderr(), "error: {message}");
+    let mut stderr = std::io::stderr();
+    let _ = if stderr.is_terminal() {
+        let told = words::wrapped(&message, table::columns(), 7, 2);
+        let word = if plain() { "error:" } else { "\u{1b}[1;31merror:\u{1b}[0m" };
+        writeln!(stderr, "{word} {told}")
+    } else {
+        writeln!(stderr, "error: {message}")
+    };
     if asked_for_json() {
         let _ = writeln!(std::io::stdout(), "{:#}", json!({ "format": 1, "error": message }));
     }

@@ -193,7 +193,7 @@ fn steady(plant: &Plant, found: &Trim) -> Vec<Fact> {
     if let Some(root) = plant.roots().first() {
         let [roll, pitch, _] = to_euler([6, 7, 8, 9].map(|k| found.state[root + k]));
         facts.push(Fact::new("velocity", format!("{} m/s", list(&found.state[root + 3..root + 6]))));
-        facts.push(Fact::new("roll, pitch", format!("{} °", list(&[roll, pitch].map(f64::to_degrees)))));
+        facts.push(Fact::new("roll, pitch", format!("{}°", list(&[roll, pitch].map(f64::to_degrees)))));
     }
     facts.push(
         Fact::new("commands", list(&commands))

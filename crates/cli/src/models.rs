@@ -63,8 +63,8 @@ pub fn run(a: &Arguments) -> Result<Report> {
         let paths = [folder.join(format!("{stem}.urdf")), folder.join(format!("{stem}.rotors.toml"))];
         for (path, text) in paths.iter().zip([text, rotors]) {
             files::write_new(path, &text, a.force)?;
-            page.line(format!("written {}", path.display()));
         }
+        page.written(&paths);
         return Ok(Report::page(&page, true));
     }
     if a.json {

@@ -1,7 +1,7 @@
 //! What a command tells: headings, facts, tables, notes, drawings; written as text here, by `html.rs` for a browser.
 
-use super::table::Table;
-use super::words::{shown, shown_lines};
+use super::table::{Table, window};
+use super::words::{shown, shown_lines, wrapped};
 use std::fmt::Write;
 use std::io::IsTerminal;
 use std::path::PathBuf;
@@ -158,28 +158,39 @@ impl Page {
 
     /// As text for standard output: bold and dim on a terminal only, never with `NO_COLOR`.
     pub fn text(&self) -> String {
-        let plain = std::env::var_os("NO_COLOR").is_some_and(|v| !v.is_empty())
-            || std::env::var_os("TERM").is_some_and(|v| v == "dumb");
-        self.styled(std::io::stdout().is_terminal() && !plain)
+        self.styled(std::io::stdout().is_terminal() && !crate::plain(), window())
     }
 
-    fn styled(&self, styled: bool) -> String {
-        let paint = |code: &str, text: &str| {
-            let text = shown(text);
-            if styled { format!("\u{1b}[{code}m{text}\u{1b}[0m") } else { text }
+    /// With styles or not, and lines broken between words where `width` columns are to hold them.
+    fn styled(&self, styled: bool, width: Option<usize>) -> String {
+        let painted = |code: &str, text: &str| {
+            if styled { format!("\u{1b}[{code}m{text}\u{1b}[0m") } else { text.to_string() }
         };
+        let paint = |code: &str, text: &str| painted(code, &shown(text));
+        let broken = |text: String, first: usize, hang: usize| match width {
+            Some(width) => wrapped(&text, width, first, hang),
+            None => text,
+        };
+        let within = |text: &str, first: usize, hang: usize| broken(shown(text), first, hang);
         let mut out = String::new();
         for block in &self.blocks {
             let _ = match block {
                 Block::Title(name, remark) if remark.is_empty() => writeln!(out, "{}", paint("1", name)),
-                Block::Title(name, remark) => writeln!(out, "{} · {}", paint("1", name), shown(remark)),
-                Block::Heading(name) | Block::Subheading(name) => writeln!(out, "\n{}", paint("1", name)),
-                Block::Line(text) => writeln!(out, "{}", shown_lines(text)),
-                Block::Facts(facts) => aligned(&mut out, facts, &paint),
-                Block::Table(table) => write!(out, "{}", table.render(styled)),
-                Block::Notes(word, texts) => {
-                    texts.iter().try_for_each(|text| writeln!(out, "  {} {}", paint("33", word), shown(text)))
+                Block::Title(name, remark) => {
+                    let remark = within(remark, name.chars().count() + 3, 2);
+                    writeln!(out, "{} · {remark}", paint("1", name))
                 }
+                Block::Heading(name) | Block::Subheading(name) => writeln!(out, "\n{}", paint("1", name)),
+                Block::Line(text) => match text.strip_prefix("\nFAILED") {
+                    Some(why) => writeln!(out, "\n{}{}", painted("1;31", "FAILED"), broken(shown_lines(why), 6, 2)),
+                    None => writeln!(out, "{}", broken(shown_lines(text), 0, 0)),
+                },
+                Block::Facts(facts) => aligned(&mut out, facts, width, &painted),
+                Block::Table(table) => write!(out, "{}", table.render(styled, width)),
+                Block::Notes(word, texts) => texts.iter().try_for_each(|text| {
+                    let text = within(text, 3 + word.chars().count(), 4);
+                    writeln!(out, "  {} {text}", paint("33", word))
+                }),
                 // for a browser alone
                 Block::Figure(..) | Block::Folded(..) | Block::Within(..) => Ok(()),
             };
@@ -188,15 +199,32 @@ impl Page {
     }
 }
 
-/// Facts in three columns.
-fn aligned(out: &mut String, facts: &[Fact], paint: &dyn Fn(&str, &str) -> String) -> std::fmt::Result {
-    let width = |text: fn(&Fact) -> &str| facts.iter().map(|f| text(f).chars().count()).max().unwrap_or(0);
-    let (names, values) = (width(|f| &f.name), width(|f| &f.value));
+/// A remark in fewer columns is read word by word: it goes below what it remarks on.
+const NARROW: usize = 28;
+
+/// Facts in three columns; remarks that do not fit behind go below.
+fn aligned(
+    out: &mut String,
+    facts: &[Fact],
+    width: Option<usize>,
+    painted: &dyn Fn(&str, &str) -> String,
+) -> std::fmt::Result {
+    let widest = |text: fn(&Fact) -> &str| facts.iter().map(|f| text(f).chars().count()).max().unwrap_or(0);
+    let (names, values) = (widest(|f| &f.name), widest(|f| &f.value));
+    let behind = names + values + 7;
+    let below = width.is_some_and(|width| behind + NARROW > width);
     for fact in facts {
-        let line = format!("  {:<names$}  {:<values$}", shown(&fact.name), shown(&fact.value));
-        match fact.note.as_str() {
-            "" => writeln!(out, "{}", line.trim_end())?,
-            note => writeln!(out, "{line}   {}", paint("2", note))?,
+        let (name, value, note) = (shown(&fact.name), shown(&fact.value), shown(&fact.note));
+        let value = width.map_or(value.clone(), |width| wrapped(&value, width, names + 4, names + 4));
+        if note.is_empty() {
+            writeln!(out, "{}", format!("  {name:<names$}  {value}").trim_end())?;
+        } else if below {
+            let note = width.map_or(note.clone(), |width| wrapped(&note, width, names + 4, names + 4));
+            let indent = " ".repeat(names + 4);
+            writeln!(out, "  {name:<names$}  {value}\n{indent}{}", painted("2", &note))?;
+        } else {
+            let note = width.map_or(note.clone(), |width| wrapped(&note, width, behind, behind));
+            writeln!(out, "  {name:<names$}  {value:<values$}   {}", painted("2", &note))?;
         }
     }
     Ok(())
@@ -214,22 +242,54 @@ mod tests {
             let mut page = Page::new();
             page.title(&evil, &evil).heading(&evil).subheading(&evil).line(&evil).lines("of", [&evil]).table(table);
             page.facts(vec![Fact::new(&evil, &evil).note(&evil)]).notes("note", &[evil.clone()], 3, "");
-            let text = page.styled(false);
+            let text = page.styled(false, None);
             // three headings have an empty line above
             assert_eq!(text.lines().filter(|line| !line.is_empty()).count(), 10, "{text}");
             assert!(!text.contains(['\r', '\u{2028}', '\u{202e}']), "{text}");
         }
         let mut page = Page::new();
         page.line("\nours").line("").line("ours\n").paragraph("one\ntwo");
-        assert_eq!(page.styled(false), "\nours\n\nours\n\none\ntwo\n");
+        assert_eq!(page.styled(false, None), "\nours\n\nours\n\none\ntwo\n");
     }
 
     #[test]
     fn facts_are_aligned_whatever_letters_they_have() {
         let mut page = Page::new();
         page.facts(vec![Fact::new("motor τ", "12 ms").note("up"), Fact::new("mass", "0.7 kg").note("all")]);
-        let columns: Vec<usize> =
-            page.styled(false).lines().map(|l| l.chars().count() - if l.ends_with("up") { 2 } else { 3 }).collect();
+        let columns: Vec<usize> = page
+            .styled(false, None)
+            .lines()
+            .map(|l| l.chars().count() - if l.ends_with("up") { 2 } else { 3 })
+            .collect();
         assert_eq!(columns[0], columns[1]);
+    }
+
+    #[test]
+    fn a_page_fits_its_window_and_loses_no_word() {
+        let mut page = Page::new();
+        page.title("hummingbird", "built in; Furrer, Burri, Achtelik and Siegwart 2016, AscTec Hummingbird");
+        page.heading("Flight").facts(vec![
+            Fact::new("controller", "cascade")
+                .note("Lee, Leok and McClamroch 2010, with flatness feed-forward and integral action"),
+            Fact::new("simulated", "15 s").note("7500 steps of 2 ms"),
+            Fact::new("warning", "").note("short"),
+        ]);
+        page.line("  away from rest; of a universal joint both hinges together, each by its own angle");
+        page.notes(
+            "warning:",
+            &["the policy was trained on 'iris' of 1.52 kg; it flies another one".to_string()],
+            8,
+            "",
+        );
+        page.line("\nFAILED: the tracking RMSE of 0.31 m is above the 0.1 m of --max-rmse, and it fell to the ground");
+        let words = |text: &str| text.split_whitespace().map(String::from).collect::<Vec<_>>();
+        let whole = page.styled(false, None);
+        for width in [40, 60, 80, 100] {
+            let text = page.styled(false, Some(width));
+            assert!(text.lines().all(|line| line.chars().count() <= width), "{width}\n{text}");
+            assert_eq!(words(&text), words(&whole), "{width}");
+        }
+        assert_eq!(page.styled(false, Some(400)), whole);
+        assert!(page.styled(true, None).contains("\u{1b}[1;31mFAILED\u{1b}[0m: the tracking"));
     }
 }

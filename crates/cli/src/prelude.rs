@@ -3,7 +3,7 @@
 pub use super::Report;
 pub use super::page::{Fact, Page};
 pub use super::table::{Align, Table, number};
-pub use super::words::{count, duration, length, percent, share_of, short, shown};
+pub use super::words::{count, counted, duration, length, percent, share_of, short, shown};
 pub(crate) use super::{files, progress};
 pub use omnidrones::error::{Error, Result};
 pub use serde_json::{Value, json};

@@ -96,7 +96,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     }
     let mut page = Page::new();
     for (flown, _) in &flown {
-        page.title(flown.task(), &format!("{} episodes, flown by {}", a.envs, flown.controller));
+        page.title(flown.task(), &format!("{}, flown by {}", counted(a.envs, "episode"), flown.controller));
         let e = &flown.evaluation;
         let [success, crashed] = [percent(e.success), percent(e.crashed)];
         page.line(format!("  success {success}, crashed {crashed}, return {}", short(e.return_mean, 4)));

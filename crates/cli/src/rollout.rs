@@ -60,7 +60,7 @@ const MAX_EPISODES: usize = 100_000;
 #[command(mut_arg("envs", |envs| envs.help("Environments, one episode each [default: 256; 32 of each task with --all]")))]
 #[command(mut_arg("csv", |csv| csv.conflicts_with("all")))]
 #[command(mut_arg("npz", |npz| npz.conflicts_with("all")))]
-#[cfg_attr(feature = "mcap", command(mut_arg("mcap", |mcap| mcap.conflicts_with("all"))))]
+#[command(mut_arg("mcap", |mcap| mcap.conflicts_with("all")))]
 #[command(mut_arg("replay", |replay| replay.conflicts_with("all")))]
 #[command(mut_arg("out", |out| arguments::out(out, "Folder for what is written [default: out/TASK, out/tasks with --all]")))]
 pub struct Arguments {

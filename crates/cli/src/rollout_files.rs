@@ -28,7 +28,7 @@ pub struct EpisodeArguments {
     #[arg(long, help_heading = "Output")]
     pub npz: bool,
     /// Write the first episodes for Foxglove and rerun
-    #[cfg(feature = "mcap")]
+    #[cfg_attr(not(feature = "mcap"), arg(hide = true))]
     #[arg(long, help_heading = "Output")]
     pub mcap: bool,
     /// How many episodes --csv, --npz and --mcap keep step by step
@@ -42,10 +42,7 @@ pub struct EpisodeArguments {
 impl EpisodeArguments {
     /// Whether a log for Foxglove and rerun is wanted.
     fn mcap(&self) -> bool {
-        #[cfg(feature = "mcap")]
-        return self.mcap;
-        #[cfg(not(feature = "mcap"))]
-        return false;
+        cfg!(feature = "mcap") && self.mcap
     }
 }
 
@@ -68,6 +65,7 @@ impl Told<'_> {
         fly: impl FnOnce(usize, &mut dyn FnMut(&Watched<'_>)) -> Result<Flown>,
     ) -> Result<Report> {
         let EpisodeArguments { output, csv, npz, replay, .. } = arguments;
+        crate::arguments::check_mcap(arguments.mcap)?;
         let logs = *csv || *npz || arguments.mcap();
         let mut outputs = output.open(self.usual, logs || *replay)?;
         let bar = progress::bar(horizon as u64, "flying", output.json);

@@ -110,8 +110,8 @@ fn hover_facts(key: &KeyFigures, vehicle: &Vehicle) -> Vec<Fact> {
     ];
     if !hover.is_level() {
         let [roll, pitch, _] = to_euler(hover.attitude).map(f64::to_degrees);
-        let angles = format!("roll {} °, pitch {} °", short(roll, 3), short(pitch, 3));
-        facts.push(Fact::new("leans in hover", format!("{} °", short(hover.lean().to_degrees(), 3))).note(angles));
+        let angles = format!("roll {}°, pitch {}°", short(roll, 3), short(pitch, 3));
+        facts.push(Fact::new("leans in hover", format!("{}°", short(hover.lean().to_degrees(), 3))).note(angles));
     }
     facts
 }

@@ -2,6 +2,7 @@
 
 use super::environment::{self, EnvArguments, QUANTITIES, usual_vehicle};
 use crate::prelude::*;
+use crate::words::wrapped;
 use omnidrones::controllers::cascade::Level;
 use omnidrones::tasks::randomise::Action;
 use omnidrones::tasks::registry::{self, Entry, REGISTRY};
@@ -200,7 +201,7 @@ impl Described {
             n => format!(" and {n} drives"),
         };
         let each = if robot.drones().len() == 1 { "" } else { " each" };
-        let parts = format!("{} rotors{drives}{each}", drone.rotors.len());
+        let parts = format!("{}{drives}{each}", counted(drone.rotors.len(), "rotor"));
         match (robot.model(), vehicle) {
             (None, vehicle) => (vehicle.unwrap_or_else(|| "a vehicle".into()), parts),
             (Some(model), Some(vehicle)) => {
@@ -306,7 +307,7 @@ impl Described {
         let defaults = self.entry.default_config().map(|c| c.task).unwrap_or_default();
         for s in &self.env.task_spec().settings {
             let default = defaults.get(&s.key).unwrap_or(&s.default).to_string();
-            table.row([&s.key, &default, &wrapped(&s.text(), 48)]);
+            table.row([&s.key, &default, &wrapped(&s.text(), 48, 0, 0)]);
         }
         table
     }
@@ -376,7 +377,7 @@ fn drives(env: &Env) -> Vec<(usize, String)> {
 
 /// A paragraph behind a word, cut between words.
 fn lines(page: &mut Page, head: &str, text: &str) {
-    for line in wrapped(&format!("{head}{text}"), 110).lines() {
+    for line in wrapped(&format!("{head}{text}"), 110, 0, 0).lines() {
         page.line(format!("  {line}"));
     }
 }
@@ -388,7 +389,7 @@ fn fields(fields: &[Field]) -> Table {
     for s in fields {
         let place = if s.size == 1 { at.to_string() } else { format!("{at}–{}", (at + s.size).saturating_sub(1)) };
         at += s.size;
-        table.row([&place, &s.name, &s.size.to_string(), &s.unit, &wrapped(&s.meaning, 48)]);
+        table.row([&place, &s.name, &s.size.to_string(), &s.unit, &wrapped(&s.meaning, 48, 0, 0)]);
     }
     table.row(["", "all", &total(fields).to_string()]);
     table
@@ -424,7 +425,7 @@ pub fn lean(lean: f64, spec: &Spec) -> Option<Fact> {
             short(up, 4)
         );
     }
-    Some(Fact::new("leans", format!("{} °", short(lean.to_degrees(), 3))).note(note))
+    Some(Fact::new("leans", format!("{}°", short(lean.to_degrees(), 3))).note(note))
 }
 
 fn action(space: &Space) -> String {
@@ -463,22 +464,6 @@ fn commands(names: &[String]) -> String {
         [] => String::new(),
     };
     runs.map(run).collect::<Vec<_>>().join(", ")
-}
-
-/// In lines of at most `width`, cut between words.
-fn wrapped(text: &str, width: usize) -> String {
-    let mut lines = vec![String::new()];
-    for word in text.split(' ') {
-        let line = lines.last_mut().map_or(0, |l| l.chars().count());
-        match lines.last_mut() {
-            Some(last) if line == 0 || line + 1 + word.chars().count() <= width => {
-                last.push_str(if line == 0 { "" } else { " " });
-                last.push_str(word);
-            }
-            _ => lines.push(word.into()),
-        }
-    }
-    lines.join("\n")
 }
 
 /// The first `most`, and how many more there are.

@@ -185,13 +185,45 @@ pub fn run(a: &Arguments) -> Result<Report> {
         let gains = written.first().map_or_else(String::new, |p| p.display().to_string());
         page.line(format!("Fly with them: omnidrones fly {} --gains {gains}", a.flyer.vehicle));
     } else {
-        page.line(if passes {
-            "FAILED: not better on all that was held out, or not without a loss; no gains.toml is written, and one of before is left. Try more --starts, or a smaller --learning-rate"
-        } else {
-            "FAILED: no gains on the way bear what --margins asks for, so those it started from are kept; no gains.toml is written, and one of before is left. Try a smaller --disk"
-        });
+        page.line(format!(
+            "\nFAILED: {}; no gains.toml is written, and one of before is left. {}",
+            why(&tuning),
+            if passes { "Try more --starts, or a smaller --learning-rate" } else { "Try a smaller --disk" }
+        ));
     }
     Ok(Report::page(&page, better))
+}
+
+/// Why tuned gains are not to be flown: all that speaks against them.
+fn why(tuning: &Tuning) -> String {
+    let (before, after) = (&tuning.before, &tuning.after);
+    if tuning.judged.as_ref().is_some_and(|[_, after]| !after.passes) {
+        return "no gains on the way bear what --margins asks for, so those it started from are kept".into();
+    }
+    let (mut all, lower) = (Vec::new(), after.rmse < before.rmse);
+    if after.crashed > 0 {
+        all.push(format!("{} of {} held-out flights are lost", after.crashed, after.n));
+    }
+    // an error of flights that were all lost is no number
+    if !lower && after.crashed < after.n {
+        all.push(format!(
+            "the held-out RMSE is {}, no less than the {} before",
+            length(after.rmse),
+            length(before.rmse)
+        ));
+    }
+    if let Some([first, last]) = &tuning.held_out {
+        if last.crashed > 0 {
+            all.push(format!(
+                "{} of {} flights on the cells held out are lost, {} before",
+                last.crashed, last.n, first.crashed
+            ));
+        } else if tuning.is_worse_held_out() {
+            let both = [first, last].map(|e| length(e.rmse));
+            all.push(format!("on the cells held out the RMSE is {}, {} before", both[1], both[0]));
+        }
+    }
+    all.join("; ")
 }
 
 /// What is tuned on: the reference, unless there are cells alone; further ones; half of the cells.
@@ -242,12 +274,22 @@ fn warnings(tuning: &Tuning) -> Vec<String> {
     if tuning.is_worse_held_out() {
         all.push("on the cells that were held out the tuned gains do worse than those they started from".into());
     }
+    let (before, after) = (&tuning.elsewhere_before, &tuning.elsewhere_after);
+    let mut worse = Vec::new();
+    if after.crashed > before.crashed {
+        worse
+            .push(format!("lose {} of {} flights, those they started from {}", after.crashed, after.n, before.crashed));
+    }
+    if after.worst > before.worst {
+        worse.push(format!(
+            "err by {} at the worst, those they started from by {}",
+            length(after.worst),
+            length(before.worst)
+        ));
+    }
     if tuning.is_worse_elsewhere() {
-        all.push(
-            "elsewhere (another reference, commands 10 ms late, other masses, rotors and motors) the tuned gains lose more \
-             flights, or their worst error is larger, than with those they started from"
-                .into(),
-        );
+        let place = "elsewhere (another reference, commands 10 ms late, other masses, rotors and motors)";
+        all.push(format!("{place} the tuned gains {}", worse.join(", and ")));
     }
     all
 }

@@ -111,7 +111,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let mut page = Page::new();
     page.title(
         flown.task(),
-        &format!("{} episodes, seed {}, flown by {}", a.envs, replay.spec.config.seed, flown.controller),
+        &format!("{}, seed {}, flown by {}", counted(a.envs, "episode"), replay.spec.config.seed, flown.controller),
     );
     page.line(format!(
         "  success {}, crashed {}, return {}",

@@ -21,6 +21,40 @@ pub fn shown_lines(text: &str) -> String {
     text.split('\n').map(shown).collect::<Vec<_>>().join("\n")
 }
 
+/// A text in lines of at most `width` characters, broken between words, each as far in as it was and those that it is broken into `hang` in
+/// at least. `first` characters stand before its first line already.
+pub fn wrapped(text: &str, width: usize, first: usize, hang: usize) -> String {
+    let mut out = String::new();
+    let mut at = first;
+    for (i, line) in text.split('\n').enumerate() {
+        if i > 0 {
+            out.push('\n');
+            at = 0;
+        }
+        let words = line.trim_start_matches(' ');
+        let indent = line.len() - words.len();
+        out += &line[..indent];
+        at += indent;
+        let (hang, mut gap, mut begun) = (hang.max(indent), 0, false);
+        for word in words.split(' ') {
+            let long = word.chars().count();
+            if begun && long > 0 && at + gap + long > width && hang < at {
+                out.push('\n');
+                out.push_str(&" ".repeat(hang));
+                at = hang;
+            } else if begun && long > 0 {
+                out.push_str(&" ".repeat(gap));
+                at += gap;
+            }
+            out += word;
+            at += long;
+            gap = if long > 0 { 1 } else { gap + 1 };
+            begun = true;
+        }
+    }
+    out
+}
+
 /// `v` to `digits` significant digits: plain from 0.001 to 99999, else with an exponent; a dash where not finite.
 pub fn short(v: f64, digits: usize) -> String {
     if !v.is_finite() {
@@ -40,6 +74,11 @@ pub fn short(v: f64, digits: usize) -> String {
     let decimals = usize::try_from(digits as i32 - 1 - magnitude).unwrap_or(0);
     let plain = format!("{v:.decimals$}");
     if plain.contains('.') { plain.trim_end_matches('0').trim_end_matches('.').to_string() } else { plain }
+}
+
+/// `1 rotor`, `4 rotors`.
+pub fn counted(n: usize, what: &str) -> String {
+    if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }
 }
 
 /// Metres as a person would say them.
@@ -94,6 +133,21 @@ mod tests {
         assert_eq!(shown("名前 ä\u{301} \u{200d}"), "名前 ä\u{301} \u{200d}", "letters of all scripts stay");
         assert_eq!(shown_lines("a\nb\u{202e}"), "a\nb·");
         assert_eq!(shown(&"x".repeat(400_000)).chars().count(), LONGEST + 1);
+    }
+
+    #[test]
+    fn lines_are_broken_between_words_and_keep_every_word_and_their_indentation() {
+        let text = "  a rule of several words,  and two spaces\n\n    next: out/firefly/gains.toml";
+        assert_eq!(wrapped(text, 200, 0, 4), text);
+        for width in [9, 20, 33] {
+            let narrow = wrapped(text, width, 0, 4);
+            let words = |s: &str| s.split_whitespace().map(String::from).collect::<Vec<_>>();
+            assert_eq!(words(&narrow), words(text));
+            let longest = |line: &str| line.trim().chars().count();
+            assert!(narrow.lines().all(|l| l.chars().count() <= width || !l.trim().contains(' ')), "{narrow}");
+            assert!(narrow.lines().filter(|l| longest(l) > 0).all(|l| l.starts_with("  ")), "{narrow}");
+        }
+        assert_eq!(wrapped("ab cd ef", 10, 6, 6), "ab\n      cd\n      ef");
     }
 
     #[test]

@@ -105,6 +105,7 @@ impl Bars {
         let pitch = plot.height() / self.bars.len().max(1) as f64;
         let half = (0.34 * pitch).min(11.0);
         let zero = if self.log { plot.x0 } else { plot.x0 + axis.unit(0.0).clamp(0.0, 1.0) * plot.width() };
+        let mut values = Vec::new();
         for (i, bar) in self.bars.iter().enumerate() {
             let y = plot.y0 + (i as f64 + 0.5) * pitch;
             let u = axis.unit(bar.value).clamp(0.0, 1.0);
@@ -114,7 +115,7 @@ impl Bars {
             canvas.rectangle(shape, bar.colour.unwrap_or(Colour::BLUE), 1.0);
             let base = y + 0.36 * size::LABEL;
             canvas.text((plot.x0 - 8.0, base), &bar.name, size::LABEL, Colour::INK, Anchor::End, false);
-            canvas.text((end + 5.0, base), &text(bar), size::LABEL, Colour::INK, Anchor::Start, false);
+            values.push(((end + 5.0, base), text(bar)));
         }
         canvas.line(&[(zero, plot.y0), (zero, plot.y1)], Colour::FRAME, 0.9);
         if let Some((_, value)) = &self.baseline {
@@ -122,6 +123,14 @@ impl Bars {
             if (plot.x0..=plot.x1).contains(&x) {
                 canvas.dashed(&[(x, plot.y0), (x, plot.y1)], Colour::INK, 1.0, 4.4, 2.8);
             }
+        }
+        // over the line, on white: it would run through the digits
+        for ((x, base), value) in values {
+            let wide = font::width(&value, size::LABEL);
+            let paper =
+                Area { x0: x - 2.0, y0: base - 0.86 * size::LABEL, x1: x + wide + 2.0, y1: base + 0.2 * size::LABEL };
+            canvas.rectangle(paper, Colour(255, 255, 255), 1.0);
+            canvas.text((x, base), &value, size::LABEL, Colour::INK, Anchor::Start, false);
         }
         if self.bars.is_empty() {
             let middle = (0.5 * (plot.x0 + plot.x1), 0.5 * (plot.y0 + plot.y1));
@@ -152,4 +161,25 @@ impl Bars {
 
 fn text(bar: &Bar) -> String {
     if bar.note.is_empty() { short(bar.value) } else { format!("{} {}", short(bar.value), bar.note) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_level_runs_below_the_numbers_of_bars_that_it_crosses() {
+        for value in [0.5, 0.9, 0.98] {
+            let bars = Bars::new("b", "share")
+                .bar(Bar::new("one", value).note("×"))
+                .bar(Bar::new("two", 1.0))
+                .baseline("all", 1.0);
+            let svg = crate::Figure::new("").chart(bars).svg().unwrap();
+            // the digits, and the white before them, come after the last dash
+            let dash = svg.rfind("<polyline").unwrap();
+            let digits = svg.find(&format!("{} ×", short(value))).unwrap();
+            let white = svg[..digits].rfind("<rect").unwrap();
+            assert!(white > dash, "{value}");
+        }
+    }
 }

@@ -1,6 +1,6 @@
 //! Two flights over each other.
 
-use super::flight::{degrees, timed, without_x_label};
+use super::flight::{LEAST_ANGLE, LEAST_LENGTH, degrees, timed, without_x_label};
 use super::{Colour, Figure, Panel, Series};
 use omnidrones::flight::FlightLog;
 
@@ -36,17 +36,16 @@ pub fn beside(flight: Named<'_>, earlier: Named<'_>) -> Figure {
         let of = |rows: &[[f64; 3]], log: &FlightLog| timed(log, rows.iter().map(|row| row[k]));
         let wanted = of(&flight.log.reference_position, flight.log);
         let wanted = Series::line("reference", wanted).colour(Colour::INK).dashed().width(0.8);
-        let panel = chart(["x", "y", "z"][k], "position [m]").series(wanted);
+        let panel = chart(["x", "y", "z"][k], "position [m]").least_span(LEAST_LENGTH).series(wanted);
         overlaid(panel, &|log| of(&log.position, log))
     };
     let angle = |k: usize| {
-        let panel = chart(["Roll", "Pitch", "Yaw"][k], "angle [°]");
+        let panel = chart(["Roll", "Pitch", "Yaw"][k], "angle [°]").least_span(LEAST_ANGLE);
         overlaid(panel, &|log| degrees(log, &log.euler_angles(), k))
     };
-    let distance = overlaid(chart("Distance to the reference", "error [cm]").from_zero(), &|log| {
-        timed(log, log.error_norm().into_iter().map(|e| 100.0 * e))
-    });
-    let tilt = overlaid(chart("Tilt", "angle [°]").from_zero(), &|log| {
+    let distance = chart("Distance to the reference", "error [cm]").least_span(100.0 * LEAST_LENGTH).from_zero();
+    let distance = overlaid(distance, &|log| timed(log, log.error_norm().into_iter().map(|e| 100.0 * e)));
+    let tilt = overlaid(chart("Tilt", "angle [°]").least_span(LEAST_ANGLE).from_zero(), &|log| {
         timed(log, log.tilt().into_iter().map(f64::to_degrees))
     });
     let figure = (0..3).fold(figure, |figure, k| {

@@ -14,6 +14,9 @@ use std::path::Path;
 /// Longest text drawn, characters: names come from files of anybody, and every letter costs.
 const LONGEST_TEXT: usize = 300;
 
+/// Between a text and the edge of the figure, at least, units.
+const EDGE: f64 = 3.0;
+
 /// x to the right, y down, in figure units.
 pub(super) type Point = (f64, f64);
 
@@ -113,14 +116,16 @@ impl Canvas {
     /// Text whose baseline passes through `at`; `vertical` text runs upwards.
     pub fn text(&mut self, at: Point, text: &str, em: f64, colour: Colour, anchor: Anchor, vertical: bool) {
         if !text.is_empty() && at.0.is_finite() && at.1.is_finite() {
-            self.shapes.push(Shape::Text {
-                at,
-                text: text.chars().take(LONGEST_TEXT).map(|c| if steers(c) { '·' } else { c }).collect(),
-                em,
-                colour,
-                anchor,
-                vertical,
-            });
+            let text = text.chars().take(LONGEST_TEXT).map(|c| if steers(c) { '·' } else { c }).collect::<String>();
+            let (along, end) = if vertical { (at.1, self.height) } else { (at.0, self.width) };
+            let (before, behind) = (along - EDGE, end - EDGE - along);
+            let room = match (anchor, vertical) {
+                (Anchor::Middle, _) => 2.0 * before.min(behind),
+                (Anchor::Start, false) | (Anchor::End, true) => behind,
+                (Anchor::End, false) | (Anchor::Start, true) => before,
+            };
+            let (text, em) = font::fitted(text, em, room);
+            self.shapes.push(Shape::Text { at, text, em, colour, anchor, vertical });
         }
     }
 
@@ -289,4 +294,34 @@ fn dashes(points: &[Point], on: f64, off: f64) -> Vec<Vec<Point>> {
         out.push(current);
     }
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_text_leaves_the_figure_wherever_it_stands() {
+        let long = "success of every candidate, mean over the seeds with its 95 % interval";
+        for anchor in [Anchor::Start, Anchor::Middle, Anchor::End] {
+            for x in [5.0, 60.0, 200.0, 380.0] {
+                let mut canvas = Canvas::new(400.0, 300.0);
+                canvas.text((x, 20.0), long, 11.0, Colour::INK, anchor, false);
+                canvas.text((20.0, 0.75 * x), long, 11.0, Colour::INK, anchor, true);
+                for shape in &canvas.shapes {
+                    let Shape::Text { at, text, em, vertical, .. } = shape else { panic!("a text") };
+                    let (along, end) = if *vertical { (at.1, 300.0) } else { (at.0, 400.0) };
+                    let wide = font::width(text, *em);
+                    let before = match (anchor, vertical) {
+                        (Anchor::Middle, _) => 0.5 * wide,
+                        (Anchor::End, false) | (Anchor::Start, true) => wide,
+                        _ => 0.0,
+                    };
+                    // an ellipsis at the very edge is all that may stand over it
+                    let room = font::width("…", *em);
+                    assert!(along - before > -room && along - before + wide < end + room, "{anchor:?} {x}: {text}");
+                }
+            }
+        }
+    }
 }

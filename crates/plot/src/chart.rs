@@ -260,6 +260,8 @@ impl Panel {
     fn x_axis(&self, width: f64) -> Axis {
         let (lo, hi) = self.x_range.unwrap_or_else(|| self.extent(true));
         let markers = self.series.iter().any(|s| s.markers);
+        // one place alone stands in the middle of what leads to it
+        let (lo, hi) = if lo == hi && lo > 0.0 && !self.log_x { (0.0, 2.0 * hi) } else { (lo, hi) };
         Axis::fit(lo, hi, self.log_x, if markers { 0.03 } else { 0.0 }, ((width / 60.0) as usize).clamp(2, 10))
     }
 
@@ -556,5 +558,15 @@ mod tests {
         let pieces = clip(&[(-5.0, 5.0), (5.0, 5.0), (5.0, 50.0), (20.0, 50.0), (8.0, 2.0)], area);
         assert_eq!(pieces[0], vec![(0.0, 5.0), (5.0, 5.0), (5.0, 10.0)]);
         assert!(pieces.iter().flatten().all(|p| inside(*p, area)), "{pieces:?}");
+    }
+
+    #[test]
+    fn one_place_alone_stands_on_an_axis_from_zero() {
+        for x in [1.0, 60.0, 4e5] {
+            let axis = Panel::new("", "", "").series(Series::line("", vec![(x, 0.4)]).markers()).x_axis(400.0);
+            assert!(axis.unit(0.0) >= 0.0 && axis.unit(0.0) < 0.05 && (axis.unit(x) - 0.5).abs() < 0.01, "{x}");
+        }
+        let axis = Panel::new("", "", "").series(Series::line("", vec![(54.0, 1.0), (66.0, 2.0)])).x_axis(400.0);
+        assert!(axis.unit(54.0).abs() < 1e-9, "a range keeps its ends");
     }
 }

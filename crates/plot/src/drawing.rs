@@ -192,11 +192,7 @@ impl Drawing {
         if let Some(floor) = floor {
             floor.draw(canvas, &view);
         }
-        let mut faces: Vec<Face> = self.items.iter().flat_map(|item| item.faces(&view)).collect();
-        faces.sort_by(|a, b| a.depth.total_cmp(&b.depth));
-        for face in &faces {
-            face.paint.draw(canvas);
-        }
+        paint(canvas, &view, &self.items);
         let busy: Vec<Point> = self.items.iter().flat_map(|item| item.busy(&view)).map(|p| view.point(p)).collect();
         labels::place(canvas, &view, &self.labels, &busy, area);
         draw_triad(canvas, &view, (area.x0 + 24.0, area.y1 - 24.0));
@@ -224,6 +220,15 @@ impl Drawing {
             add("ball joint", Colour::PURPLE, Mark::Dot);
         }
         entries
+    }
+}
+
+/// Paints things, the nearest last.
+pub(super) fn paint(canvas: &mut Canvas, view: &View, items: &[Item]) {
+    let mut faces: Vec<Face> = items.iter().flat_map(|item| item.faces(view)).collect();
+    faces.sort_by(|a, b| a.depth.total_cmp(&b.depth));
+    for face in &faces {
+        face.paint.draw(canvas);
     }
 }
 

@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 /// Most vehicles drawn along a path.
 const POSES: usize = 9;
 /// Least ranges of axes, m, degrees and rad/s: what a steady hover is within is rounding.
-const LEAST_LENGTH: f64 = 1e-4;
-const LEAST_ANGLE: f64 = 0.01;
+pub(super) const LEAST_LENGTH: f64 = 1e-4;
+pub(super) const LEAST_ANGLE: f64 = 0.01;
 const LEAST_RATE: f64 = 1e-4;
 
 /// The six figures of a flight, with the key figures over t ≥ `after` (s).
@@ -176,7 +176,13 @@ pub(super) fn poses(log: &FlightLog) -> Vec<Pose> {
     };
     let total: f64 = (1..p.len()).map(step).sum();
     if !(total > 1e-6 && total.is_finite()) {
-        return Vec::new();
+        // who stands is drawn once
+        let stands = total.is_finite() && p.last().is_some_and(|at| at.iter().all(|v| v.is_finite()));
+        let last = p.last().zip(log.attitude.last()).filter(|_| stands);
+        return last
+            .map(|(position, attitude)| Pose { position: *position, attitude: *attitude })
+            .into_iter()
+            .collect();
     }
     let lap = last_lap(log);
     let lap_length: f64 = (lap.start + 1..lap.end).map(step).sum();
@@ -465,6 +471,16 @@ mod tests {
         for (size, whole) in [(1e-12, LEAST_LENGTH), (1e-7, LEAST_LENGTH), (1e-3, 1e-3), (1.0, 1.0)] {
             assert!((span(size) / whole - 1.12).abs() < 0.02, "{size}: {}", span(size));
         }
+    }
+
+    #[test]
+    fn who_stands_is_drawn_once_and_who_has_no_place_is_not() {
+        let mut log = FlightLog::new("four", &[800.0; 4]);
+        assert!(poses(&log).is_empty());
+        (log.position, log.attitude) = (vec![[0.0, 0.0, 2.0]; 9], vec![[1.0, 0.0, 0.0, 0.0]; 9]);
+        assert_eq!(poses(&log), [Pose { position: [0.0, 0.0, 2.0], attitude: [1.0, 0.0, 0.0, 0.0] }]);
+        log.position = vec![[f64::NAN; 3]; 9];
+        assert!(poses(&log).is_empty());
     }
 
     #[test]

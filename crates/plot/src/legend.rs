@@ -72,8 +72,8 @@ pub(super) fn row_width(row: &[Entry]) -> f64 {
     row.iter().map(Entry::width).sum::<f64>() + BETWEEN * row.len().saturating_sub(1) as f64
 }
 
-/// Draws one row from `x` with its text baseline at `y`.
-pub(super) fn draw_row(canvas: &mut Canvas, row: &[Entry], mut x: f64, y: f64) {
+/// Draws one row from `x` with its text baseline at `y`; an entry alone in its row ends before `end`.
+pub(super) fn draw_row(canvas: &mut Canvas, row: &[Entry], mut x: f64, y: f64, end: f64) {
     let middle = y - 0.35 * size::LEGEND;
     for entry in row {
         let swatch = entry.swatch();
@@ -98,7 +98,9 @@ pub(super) fn draw_row(canvas: &mut Canvas, row: &[Entry], mut x: f64, y: f64) {
                 canvas.rectangle(area, entry.colour, opacity);
             }
         }
-        canvas.text((x + swatch + 4.0, y), &entry.name, size::LEGEND, Colour::INK, Anchor::Start, false);
+        let room = if row.len() == 1 { end - x - swatch - 4.0 } else { f64::INFINITY };
+        let (name, em) = font::fitted(entry.name.clone(), size::LEGEND, room);
+        canvas.text((x + swatch + 4.0, y), &name, em, Colour::INK, Anchor::Start, false);
         x += entry.width() + BETWEEN;
     }
 }
@@ -123,14 +125,15 @@ impl Header {
 
     /// Draws between `x0` and `x1`, from `top` down.
     pub fn draw(&self, canvas: &mut Canvas, x0: f64, x1: f64, top: f64) {
-        canvas.text((x0, top + 11.5), &self.title, size::TITLE, Colour::INK, Anchor::Start, false);
+        let (title, em) = font::fitted(self.title.clone(), size::TITLE, x1 - x0);
+        canvas.text((x0, top + 11.5), &title, em, Colour::INK, Anchor::Start, false);
         if self.beside {
-            draw_row(canvas, &self.entries, x1 - row_width(&self.entries), top + 11.5);
+            draw_row(canvas, &self.entries, x1 - row_width(&self.entries), top + 11.5, x1);
             return;
         }
         let first = if self.title.is_empty() { 0.0 } else { 17.0 };
         for (i, row) in rows(&self.entries, x1 - x0).into_iter().enumerate() {
-            draw_row(canvas, row, x0, top + first + 10.0 + i as f64 * ROW);
+            draw_row(canvas, row, x0, top + first + 10.0 + i as f64 * ROW, x1);
         }
     }
 }

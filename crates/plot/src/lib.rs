@@ -60,6 +60,9 @@ use omnidrones::internals::replace;
 use std::path::Path;
 use theme::size;
 
+/// Height of a line of the subtitle, units.
+const SUBTITLE_ROW: f64 = 13.0;
+
 /// Smallest and largest width and height of a figure, units.
 const SIZE_LIMITS: (f64, f64) = (120.0, 4000.0);
 
@@ -277,9 +280,12 @@ impl Figure {
             top += 21.0;
         }
         if !self.subtitle.is_empty() {
-            let at = (size::MARGIN, top + 9.0);
-            canvas.text(at, &self.subtitle, size::SUBTITLE, Colour::GREY, Anchor::Start, false);
-            top += 17.0;
+            let lines = font::lines(&self.subtitle, size::SUBTITLE, self.width - 2.0 * size::MARGIN);
+            for line in &lines {
+                canvas.text((size::MARGIN, top + 9.0), line, size::SUBTITLE, Colour::GREY, Anchor::Start, false);
+                top += SUBTITLE_ROW;
+            }
+            top += 4.0;
         }
         let inside = Area {
             x0: size::MARGIN,
@@ -336,4 +342,22 @@ fn spread(weights: &[f64], from: f64, to: f64, gap: f64) -> Vec<(f64, f64)> {
             interval
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_long_subtitle_has_as_many_lines_as_it_needs() {
+        let parts = ["thick: mean over seeds", "thin: its 95 % confidence interval", "dashed: our controller"];
+        let told = parts.repeat(3).join("   ·   ");
+        for width in [240.0, 480.0, 1000.0] {
+            let svg = Figure::new("t").subtitle(&told).size(width, 600.0).chart(Panel::new("", "", "")).svg().unwrap();
+            let lines: Vec<&str> = svg.lines().filter(|l| !l.contains('<') && l.len() > 3).collect();
+            let words = |text: &str| text.split_whitespace().map(String::from).collect::<Vec<_>>();
+            assert_eq!(words(&lines.join(" ")).iter().filter(|w| *w == "dashed:").count(), 3, "{width}: {lines:?}");
+            assert!(lines.iter().all(|l| font::width(l, size::SUBTITLE) <= width), "{width}: {lines:?}");
+        }
+    }
 }

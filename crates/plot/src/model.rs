@@ -3,7 +3,8 @@
 use super::drawing::{Drawing, Item, Label};
 use super::{Colour, Figure};
 use omnidrones::controllers::mishap::lowest_point;
-use omnidrones::dynamics::shape::Geometry;
+use omnidrones::dynamics::Rotor;
+use omnidrones::dynamics::shape::{Geometry, Shape};
 use omnidrones::dynamics::spatial::{add, dot, from_matrix, mat_vec, matrix, multiply, scale, sub, transpose};
 use omnidrones::dynamics::tree::{Model, Motion, Multibody, Pose, body_poses};
 
@@ -45,6 +46,50 @@ fn side_view(items: Vec<Item>) -> Drawing {
     }
 }
 
+/// What stands in the world.
+pub fn obstacles(system: &Multibody) -> Vec<Item> {
+    let still = system.model().shapes().iter().filter(|shape| shape.body.is_none());
+    still.map(|shape| solid(&shape.shape.geometry, shape.shape.position, shape.shape.rotation, WORLD)).collect()
+}
+
+/// A shape at a place, turned.
+fn solid(geometry: &Geometry, at: [f64; 3], turn: [f64; 4], colour: Colour) -> Item {
+    let r = transpose(matrix(turn));
+    match *geometry {
+        Geometry::Sphere { radius } => Item::Ball { at, radius, colour },
+        Geometry::Capsule { radius, length } => {
+            let half = scale(0.5 * length, r[2]);
+            Item::Bar { from: sub(at, half), to: add(at, half), radius, colour }
+        }
+        Geometry::Box { size } => Item::Box { at, half: [0, 1, 2].map(|k| scale(0.5 * size[k], r[k])), colour },
+    }
+}
+
+/// The edges of a box, the rims of what is round: of a shape that would hide the rotors within it.
+fn outline(item: &Item) -> Vec<[[f64; 3]; 2]> {
+    let point =
+        |at: [f64; 3], half: &[[f64; 3]; 3], s: [f64; 3]| (0..3).fold(at, |at, i| add(at, scale(s[i], half[i])));
+    match *item {
+        Item::Box { at, half, .. } => {
+            let corner = |k: usize| point(at, &half, [0, 1, 2].map(|i| if k >> i & 1 == 0 { -1.0 } else { 1.0 }));
+            let edges = (0..3).flat_map(|i| (0..8usize).filter(move |k| k >> i & 1 == 0).map(move |k| (k, k | 1 << i)));
+            edges.map(|(a, b)| [corner(a), corner(b)]).collect()
+        }
+        Item::Ball { at, radius, .. } => [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+            .into_iter()
+            .flat_map(|n| rotor_ring(at, n, radius))
+            .collect(),
+        Item::Bar { from, to, radius, .. } => {
+            let way = sub(to, from);
+            let axis = scale(1.0 / dot(way, way).sqrt().max(1e-9), way);
+            let (first, last) = (rotor_ring(from, axis, radius), rotor_ring(to, axis, radius));
+            let sides: Vec<[[f64; 3]; 2]> = first.iter().zip(&last).step_by(4).map(|(a, b)| [a[0], b[0]]).collect();
+            [first, last, sides].concat()
+        }
+        _ => Vec::new(),
+    }
+}
+
 /// Everything that can be seen of the system in a state.
 pub fn items(system: &Multibody, state: &[f64]) -> Vec<Item> {
     let (model, poses) = (system.model(), body_poses(system, state));
@@ -61,22 +106,19 @@ pub fn items(system: &Multibody, state: &[f64]) -> Vec<Item> {
             }
             None => (shape.shape.position, shape.shape.rotation),
         };
-        let r = transpose(matrix(turn));
-        items.push(match shape.shape.geometry {
-            Geometry::Sphere { radius } => Item::Ball { at, radius, colour },
-            Geometry::Capsule { radius, length } => {
-                let half = scale(0.5 * length, r[2]);
-                Item::Bar { from: sub(at, half), to: add(at, half), radius, colour }
-            }
-            Geometry::Box { size } => Item::Box { at, half: [0, 1, 2].map(|k| scale(0.5 * size[k], r[k])), colour },
-        });
+        let item = solid(&shape.shape.geometry, at, turn, colour);
+        if shape.body.is_some_and(|b| hides_a_rotor(model, b, &shape.shape)) {
+            items.extend(outline(&item).into_iter().map(|[from, to]| Item::Stick { from, to, colour: Colour::FRAME }));
+        } else {
+            items.push(item);
+        }
     }
     for [from, to] in skeleton(model, &poses) {
         items.push(Item::Stick { from, to, colour: Colour::GREY });
     }
     for (number, rotor) in model.rotors().iter().enumerate() {
         let pose = &poses[rotor.body];
-        let radius = if rotor.rotor.radius > 0.0 { rotor.rotor.radius } else { ROTOR_RADIUS };
+        let radius = drawn_radius(&rotor.rotor);
         let axis = mat_vec(pose.rotation, rotor.rotor.axis);
         let hub = on(pose, rotor.rotor.position);
         let above = dot(rotor.rotor.position, rotor.rotor.axis) > 0.0;
@@ -163,6 +205,7 @@ pub fn struts(model: &Model) -> Vec<(usize, [[f64; 3]; 2])> {
 /// point already; body frame.
 fn nearest(model: &Model, body: usize, point: [f64; 3]) -> ([f64; 3], bool) {
     let own = model.shapes().iter().filter(|s| s.body == Some(body)).map(|s| &s.shape);
+    let own = own.filter(|shape| !hides_a_rotor(model, body, shape));
     let foot = own.map(|shape| {
         let r = matrix(shape.rotation);
         let local = mat_vec(transpose(r), sub(point, shape.position));
@@ -181,6 +224,29 @@ fn nearest(model: &Model, body: usize, point: [f64; 3]) -> ([f64; 3], bool) {
     });
     let best = foot.min_by(|a, b| a.2.total_cmp(&b.2));
     best.map_or(([0.0; 3], dot(point, point) < 1e-6), |(start, covered, _)| (start, covered))
+}
+
+/// Whether the shape hides a rotor of its body: what collides, mostly, which is larger than what flies.
+fn hides_a_rotor(model: &Model, body: usize, shape: &Shape) -> bool {
+    // how deep a point is below the surface
+    let depth = |point: [f64; 3]| {
+        let local = mat_vec(transpose(matrix(shape.rotation)), sub(point, shape.position));
+        match shape.geometry {
+            Geometry::Sphere { radius } => radius - dot(local, local).sqrt(),
+            Geometry::Capsule { radius, length } => {
+                let gap = sub(local, [0.0, 0.0, local[2].clamp(-0.5 * length, 0.5 * length)]);
+                radius - dot(gap, gap).sqrt()
+            }
+            Geometry::Box { size } => (0..3).map(|k| 0.5 * size[k] - local[k].abs()).fold(f64::INFINITY, f64::min),
+        }
+    };
+    let hidden = |rotor: &Rotor| depth(rotor.position) > 0.4 * drawn_radius(rotor);
+    model.rotors().iter().any(|r| r.body == body && hidden(&r.rotor))
+}
+
+/// m.
+fn drawn_radius(rotor: &Rotor) -> f64 {
+    if rotor.radius > 0.0 { rotor.radius } else { ROTOR_RADIUS }
 }
 
 /// Names of bodies, and of joints where they are few.
@@ -219,4 +285,41 @@ fn on(pose: &Pose<f64>, point: [f64; 3]) -> [f64; 3] {
 
 fn carries_rotors(model: &Model, body: usize) -> bool {
     model.rotors().iter().any(|r| r.body == body)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use omnidrones::dynamics::configurations::environment::vehicle_in;
+    use omnidrones::dynamics::scene::Scene;
+    use omnidrones::dynamics::{Effects, Physics, vehicles};
+
+    /// A vehicle of one shape, at rest.
+    fn drawn(name: &str, geometry: Geometry) -> Vec<Item> {
+        let mut vehicle = vehicles::by_name(name).unwrap();
+        vehicle.shapes = vec![Shape { geometry, position: [0.0; 3], rotation: [1.0, 0.0, 0.0, 0.0] }];
+        let model = vehicle_in(&vehicle, &Scene::grounded()).unwrap();
+        let system = Multibody::new(&model, Physics { effects: Effects::none(), ..Physics::default() }).unwrap();
+        items(&system, &system.rest_state())
+    }
+
+    #[test]
+    fn what_collides_is_an_outline_where_it_would_hide_rotors_and_a_body_where_not() {
+        let solid =
+            |items: &[Item]| items.iter().any(|i| matches!(i, Item::Box { .. } | Item::Ball { .. } | Item::Bar { .. }));
+        for name in ["hummingbird", "firefly"] {
+            let rotors = vehicles::by_name(name).unwrap().rotors.len();
+            for (large, small) in [
+                (Geometry::Box { size: [1.0, 1.0, 0.4] }, Geometry::Box { size: [0.1, 0.1, 0.05] }),
+                (Geometry::Sphere { radius: 0.6 }, Geometry::Sphere { radius: 0.05 }),
+                (Geometry::Capsule { radius: 0.5, length: 0.1 }, Geometry::Capsule { radius: 0.05, length: 0.02 }),
+            ] {
+                let (large, small) = (drawn(name, large), drawn(name, small));
+                assert!(!solid(&large) && solid(&small), "{name}");
+                // arms are drawn to all rotors either way
+                let sticks = |items: &[Item]| items.iter().filter(|i| matches!(i, Item::Stick { .. })).count();
+                assert!(sticks(&large) > rotors && sticks(&small) == rotors, "{name}: {}", sticks(&small));
+            }
+        }
+    }
 }

@@ -2,6 +2,7 @@
 
 use super::axis::{drawable, number, short, step};
 use super::canvas::{Anchor, Area, Canvas, Point};
+use super::drawing::{Item, paint};
 use super::font;
 use super::legend::{Entry, Header, Mark};
 use super::projection::View;
@@ -45,6 +46,8 @@ pub struct Path3d {
     pub balls: Vec<([f64; 3], f64)>,
     /// Straight lines at true scale, m: what hangs on the vehicle, here and there along the path.
     pub sticks: Vec<[[f64; 3]; 2]>,
+    /// What stands about, at true scale; what is far from the path is left out.
+    pub obstacles: Vec<Item>,
     /// Direction of the viewer about z, counter-clockwise from +x, degrees.
     pub azimuth_deg: f64,
     /// Height of the viewer above the horizon, degrees in [5, 85].
@@ -63,6 +66,7 @@ impl Path3d {
             n_rotor: 4,
             balls: Vec::new(),
             sticks: Vec::new(),
+            obstacles: Vec::new(),
             azimuth_deg: -62.0,
             elevation_deg: 26.0,
         }
@@ -104,6 +108,31 @@ impl Path3d {
         self
     }
 
+    /// Among what stands about: bars, balls and boxes.
+    pub fn obstacles(mut self, obstacles: Vec<Item>) -> Self {
+        self.obstacles = obstacles;
+        self
+    }
+
+    /// The room of all that is drawn, and which obstacles stand in it.
+    fn scene(&self) -> (Box3, Vec<Item>) {
+        let seen = |p: &&[f64; 3]| p.iter().all(|v| drawable(*v, false));
+        let path = self.flown.iter().chain(&self.reference).chain(self.sticks.as_flattened()).filter(seen);
+        let mut scene = Box3::around(path);
+        let near = scene.wider(NEAR.max(0.5 * scene.longest()));
+        let stands = |item: &&Item| {
+            let own = Box3::around(item.extent().iter().filter(seen));
+            // a wall or a floor that is much larger than the flight would make it a speck
+            near.meets(&own) && own.longest() <= 4.0 * near.longest()
+        };
+        let obstacles: Vec<Item> = self.obstacles.iter().filter(stands).copied().collect();
+        for item in &obstacles {
+            scene = scene.with(&Box3::around(item.extent().iter().filter(seen)));
+        }
+        scene.tidy();
+        (scene, obstacles)
+    }
+
     pub(super) fn draw(&self, canvas: &mut Canvas, area: Area) {
         let seen = |p: &&[f64; 3]| p.iter().all(|v| drawable(*v, false));
         let heat_range = self.heat_range();
@@ -111,9 +140,7 @@ impl Path3d {
         header.draw(canvas, area.x0, area.x1, area.y0);
         let bar = if heat_range.is_some() { 24.0 } else { 0.0 };
         let room = Area { x0: area.x0, y0: area.y0 + header.height + 4.0, x1: area.x1, y1: area.y1 - bar };
-        let mut scene =
-            Box3::around(self.flown.iter().chain(&self.reference).chain(self.sticks.as_flattened()).filter(seen));
-        scene.tidy();
+        let (scene, obstacles) = self.scene();
         let inner = Area {
             x0: room.x0 + LABEL_ROOM.0,
             y0: room.y0 + 4.0,
@@ -123,6 +150,8 @@ impl Path3d {
         let elevation = if self.elevation_deg.is_finite() { self.elevation_deg.clamp(5.0, 85.0) } else { 23.0 };
         let Some(view) = View::fit(self.azimuth_deg, elevation, &scene.corners(), inner) else { return };
         draw_box(canvas, &view, &scene);
+        // behind the path, all of which is to be seen
+        paint(canvas, &view, &obstacles);
         let floor = scene.lo[2];
         let shadow: Vec<Point> = self.flown.iter().map(|p| view.point([p[0], p[1], floor])).collect();
         for run in runs(&shadow) {
@@ -178,7 +207,7 @@ impl Path3d {
         let values = &self.heat.as_ref()?.values;
         let finite = values.iter().copied().filter(|v| drawable(*v, false));
         let (lo, hi) = finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), v| (lo.min(v), hi.max(v)));
-        (lo <= hi).then_some((lo, hi))
+        (lo <= hi).then_some((lo, hi.max(lo + LEAST_HEAT)))
     }
 
     fn draw_flown(&self, canvas: &mut Canvas, view: &View, heat_range: Option<(f64, f64)>) {
@@ -192,7 +221,7 @@ impl Path3d {
         // Runs of one colour out of 48 become one polyline each; neighbours share an end so that no gap shows.
         let shade = |i: usize| {
             let v = heat.values.get(i).copied().unwrap_or(lo);
-            if hi > lo { ((v - lo) / (hi - lo) * 47.0).round().clamp(0.0, 47.0) as u8 } else { 20 }
+            ((v - lo) / (hi - lo) * 47.0).round().clamp(0.0, 47.0) as u8
         };
         let mut start = 0;
         for i in 1..=points.len() {
@@ -213,6 +242,13 @@ fn runs(points: &[Point]) -> impl Iterator<Item = &[Point]> {
     points.split(|p| !(p.0.is_finite() && p.1.is_finite())).filter(|r| !r.is_empty())
 }
 
+/// Obstacles nearer to the path than this are drawn, m.
+const NEAR: f64 = 2.0;
+/// A path no longer than this is a point, m.
+const STANDS: f64 = 1e-3;
+/// Least range of what colours a path, in its unit.
+const LEAST_HEAT: f64 = 1e-3;
+
 /// Bounds of the data.
 #[derive(Debug, Clone, Copy)]
 struct Box3 {
@@ -232,6 +268,21 @@ impl Box3 {
         if bounds.lo[0] > bounds.hi[0] { Self { lo: [0.0; 3], hi: [1.0; 3] } } else { bounds }
     }
 
+    /// With this much more room on every side, m.
+    fn wider(&self, room: f64) -> Self {
+        Self { lo: self.lo.map(|v| v - room), hi: self.hi.map(|v| v + room) }
+    }
+
+    fn meets(&self, other: &Self) -> bool {
+        (0..3).all(|i| self.lo[i] <= other.hi[i] && other.lo[i] <= self.hi[i])
+    }
+
+    /// That holds both.
+    fn with(&self, other: &Self) -> Self {
+        let fold = |of: fn(f64, f64) -> f64, a: [f64; 3], b: [f64; 3]| [0, 1, 2].map(|i| of(a[i], b[i]));
+        Self { lo: fold(f64::min, self.lo, other.lo), hi: fold(f64::max, self.hi, other.hi) }
+    }
+
     fn corners(&self) -> [[f64; 3]; 8] {
         std::array::from_fn(|k| std::array::from_fn(|i| if k >> i & 1 == 0 { self.lo[i] } else { self.hi[i] }))
     }
@@ -244,7 +295,8 @@ impl Box3 {
     fn tidy(&mut self) {
         let size = self.lo.iter().chain(&self.hi).fold(0.0f64, |m, v| m.max(v.abs()));
         let longest = self.longest();
-        let longest = if longest > 1e-9 * size { longest } else { (0.2 * size).max(1.0) };
+        // what moves less than a millimetre stands: a smaller room would show rounding
+        let longest = if longest > STANDS.max(1e-9 * size) { longest } else { (0.2 * size).max(1.0) };
         for i in 0..3 {
             let least = if i == 2 { 0.3 } else { 0.45 } * longest;
             let lack = (least - (self.hi[i] - self.lo[i])).max(0.1 * longest);
@@ -431,5 +483,42 @@ mod tests {
             crate::Figure::new("").chart(chart).svg().unwrap().matches("<polyline").count()
         };
         assert_eq!(drawn(6) - drawn(4), 4, "an arm and a disc per rotor");
+    }
+
+    #[test]
+    fn obstacles_near_the_path_are_in_the_picture_and_far_ones_are_not() {
+        let bar = |x: f64, y: f64| Item::Bar { from: [x, y, 0.0], to: [x, y, 4.0], radius: 0.1, colour: Colour::GREY };
+        let path: Vec<[f64; 3]> = (0..50).map(|i| [0.02 * f64::from(i), 0.0, 1.0]).collect();
+        let wall = Item::Box {
+            at: [0.0; 3],
+            half: [[400.0, 0.0, 0.0], [0.0, 400.0, 0.0], [0.0, 0.0, 0.1]],
+            colour: Colour::GREY,
+        };
+        let all = vec![bar(1.5, 1.0), bar(-0.5, -1.0), bar(30.0, 0.0), wall];
+        let chart = Path3d::new("", path.clone()).obstacles(all.clone());
+        let (scene, drawn) = chart.scene();
+        assert_eq!(drawn, all[..2], "two trunks stand about, one is far, and a floor of 800 m would make it a speck");
+        for item in &drawn {
+            assert!(
+                item.extent().iter().all(|p| (0..3).all(|i| scene.lo[i] <= p[i] && p[i] <= scene.hi[i])),
+                "{item:?}"
+            );
+        }
+        let polygons = |chart: Path3d| crate::Figure::new("").chart(chart).svg().unwrap().matches("<polygon").count();
+        assert!(polygons(chart) > polygons(Path3d::new("", path)) + 4);
+    }
+
+    #[test]
+    fn a_hover_is_drawn_in_a_room_of_its_size_not_of_its_rounding() {
+        for size in [0.0, 1e-14, 1e-9, 1e-5] {
+            let path: Vec<[f64; 3]> = (0..50).map(|i| [size * f64::from(i % 2), 0.0, 1.0]).collect();
+            let heat = vec![size; path.len()];
+            let chart = Path3d::new("", path).heat("speed [m/s]", heat);
+            assert!(chart.scene().0.longest() > 0.1, "{size}: {}", chart.scene().0.longest());
+            let (lo, hi) = chart.heat_range().unwrap();
+            assert!(hi - lo >= LEAST_HEAT, "{size}");
+        }
+        let path: Vec<[f64; 3]> = (0..50).map(|i| [0.004 * f64::from(i), 0.0, 1.0]).collect();
+        assert!(Path3d::new("", path).scene().0.longest() < 0.5, "what moves is drawn in its own");
     }
 }

@@ -2,10 +2,10 @@
 
 use super::drawing::{Drawing, Item};
 use super::flight::{
-    FlightFigures, attitude_panel, beside, error_panel, key_figures, path_chart, position_panel, rotor_panel,
-    wind_panel,
+    FlightFigures, LEAST_ANGLE, attitude_panel, beside, error_panel, key_figures, path_chart, position_panel,
+    rotor_panel, wind_panel,
 };
-use super::model::{items, rotor_ring, sticks};
+use super::model::{items, obstacles, rotor_ring, sticks};
 use super::{Colour, Figure, Panel, Path3d, Series};
 use omnidrones::dynamics::tree::{Motion, Multibody};
 use omnidrones::error::Result;
@@ -65,7 +65,7 @@ impl RobotFigures {
         let numbers = key_figures(log, after);
         let figure = |what: &str| Figure::new(format!("{}: {what}", log.vehicle)).subtitle(&numbers);
         let moments = along(system, states);
-        let path = Path3d { poses: Vec::new(), ..path_chart(log) };
+        let path = Path3d { poses: Vec::new(), ..path_chart(log) }.obstacles(obstacles(system));
         let path = path
             .sticks(moments.iter().flat_map(|row| lines(system, row)).collect())
             .balls(moments.iter().flat_map(|row| balls(system, row)).collect());
@@ -132,7 +132,8 @@ fn joint_panel(system: &Multibody, log: &FlightLog, states: &[f64]) -> Option<Pa
         return None;
     }
     let turns = histories.iter().all(|h| h.turns);
-    let mut panel = Panel::new("Joints", "time [s]", if turns { "angle [°]" } else { "angle [°] or way [cm]" });
+    let unit = if turns { "angle [°]" } else { "angle [°] or way [cm]" };
+    let mut panel = Panel::new("Joints", "time [s]", unit).least_span(LEAST_ANGLE);
     for (i, h) in histories.iter().enumerate() {
         let scale = if h.turns { 180.0 / std::f64::consts::PI } else { 100.0 };
         let points = log.time.iter().zip(&h.values).map(|(t, v)| (*t, scale * v)).collect();

@@ -9,7 +9,9 @@ use omnidrones::controllers::registry::{Setup, controller};
 use omnidrones::controllers::{
     ChainRamp, ChainShape, Controller, FlightPlan, Reference, RotorFailure, Vectored, default_controller, fly,
 };
-use omnidrones::dynamics::{Physics, Plant, configurations, vehicles};
+use omnidrones::dynamics::configurations::environment::vehicle_in;
+use omnidrones::dynamics::scene::Generator;
+use omnidrones::dynamics::{Effects, Physics, Plant, configurations, vehicles};
 use omnidrones::tasks::{Autoreset, Baseline, Buffers, Env, EnvConfig, Watched, evaluate};
 use omnidrones_viewer::{Episodes, Moment, Recording, Server, flight, page};
 use serde_json::Value;
@@ -298,6 +300,205 @@ fn a_team_in_formation_and_gates_fly_in_a_browser() {
 fn two_flights_beside_each_other_have_one_clock() {
     let Some(told) = shown("beside", &page("Two", &[episodes("Hover", 2, 200), failure()])) else { return };
     assert!((told["duration"].as_f64().unwrap() - 6.0).abs() < 0.1, "the longer one's: {told}");
+}
+
+/// In a page: every text that charts draw from now on, by its canvas, as a box.
+const WATCH_TEXTS: &str = "window.texts = new Map();
+const own = CanvasRenderingContext2D.prototype.fillText;
+CanvasRenderingContext2D.prototype.fillText = function (text, x, y, most) {
+  const wide = Math.min(this.measureText(text).width, most ?? Infinity);
+  const left = this.textAlign === 'right' ? x - wide : this.textAlign === 'center' ? x - wide / 2 : x;
+  const all = window.texts.get(this.canvas) ?? [];
+  all.push({ text: String(text), left, right: left + wide, top: y - 9, bottom: y + 2 });
+  window.texts.set(this.canvas, all);
+  return own.call(this, text, x, y, most);
+}";
+
+/// Draws all charts once and tells what lies over something else, or outside of its page or panel.
+const OVERPRINTED: &str = "(() => {
+const wrong = [];
+const apart = (a, b) => a.right <= b.left || b.right <= a.left || a.bottom <= b.top || b.bottom <= a.top;
+window.texts.clear();
+for (const chart of viewer.charts) {
+  chart.redraw();
+  chart.show(viewer.time);
+  const drawn = [...(window.texts.get(chart.still) ?? []), ...(window.texts.get(chart.canvas) ?? [])];
+  const { clientWidth, clientHeight } = chart.canvas;
+  if (!clientWidth) continue;
+  drawn.forEach((a, i) => {
+    if (a.left < -0.5 || a.right > clientWidth + 0.5 || a.top < -1 || a.bottom > clientHeight + 1) wrong.push(`${a.text}: outside`);
+    for (const b of drawn.slice(i + 1)) if (!apart(a, b)) wrong.push(`${a.text} over ${b.text}`);
+  });
+}
+const boxes = [...document.querySelectorAll('header section, nav button:not([hidden])')].map((e) => [e, e.getBoundingClientRect()]);
+boxes.forEach(([a, p], i) => {
+  if (p.left < 0 || p.right > innerWidth) wrong.push(`${a.textContent}: outside`);
+  for (const [b, q] of boxes.slice(i + 1)) if (!apart(p, q)) wrong.push(`${a.textContent} over ${b.textContent}`);
+});
+if (document.scrollingElement.scrollWidth > innerWidth) wrong.push('the page is wider than its window');
+return wrong;
+})()";
+
+/// A window of a page of these flights.
+fn window(browser: &Path, folder: &Path, flights: &[Recording]) -> Window {
+    std::fs::create_dir_all(folder).expect("made");
+    let file = folder.join("page.html");
+    std::fs::write(&file, page("A page", flights)).expect("written");
+    let mut window =
+        Window::new(browser, &folder.join("home"), &format!("file://{}#play=0", file.display()), &mut || ());
+    window.until("!!window.viewer", &mut || ());
+    window
+}
+
+impl Window {
+    fn resize(&mut self, width: u32) {
+        let size = serde_json::json!({ "width": width, "height": 720, "deviceScaleFactor": 1, "mobile": false });
+        self.ask("Emulation.setDeviceMetricsOverride", size, &mut || ());
+        self.until(&format!("innerWidth === {width}"), &mut || ());
+        // a canvas that is asked for its size has that of the new window
+        self.value("viewer.resize(); viewer.draw(0)", &mut || ());
+    }
+
+    /// Of the page as it is, where SCREENSHOTS names a folder.
+    fn keep(&mut self, name: &str) {
+        let Some(to) = std::env::var_os("SCREENSHOTS").map(PathBuf::from) else { return };
+        let shot = self.ask("Page.captureScreenshot", serde_json::json!({}), &mut || ());
+        let (text, mut bytes, mut bits, mut n) = (shot["data"].as_str().expect("a picture"), Vec::new(), 0_u32, 0);
+        for letter in text.bytes().filter(|b| *b != b'=') {
+            const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+            let six = LETTERS.iter().position(|b| *b == letter).expect("base64") as u32;
+            (bits, n) = (bits << 6 | six, n + 6);
+            if n >= 8 {
+                n -= 8;
+                bytes.push((bits >> n) as u8);
+                bits &= (1 << n) - 1;
+            }
+        }
+        std::fs::create_dir_all(&to).expect("made");
+        std::fs::write(to.join(format!("{name}.png")), bytes).expect("written");
+    }
+}
+
+/// Windows of a phone, of half a screen, of two usual screens.
+const WIDTHS: [u32; 4] = [400, 900, 1280, 1440];
+
+#[test]
+fn nothing_is_printed_over_something_else_in_any_window() {
+    let Some(browser) = browser() else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    for (name, flights) in [
+        ("one", vec![failure()]),
+        ("two", vec![failure(), episodes("Hover", 2, 200)]),
+        ("three", vec![failure(), episodes("Hover", 1, 100), configuration("transport", 1.0)]),
+    ] {
+        let mut window = window(&browser, &folder.path().join(name), &flights);
+        window.value(WATCH_TEXTS, &mut || ());
+        for width in WIDTHS {
+            window.resize(width);
+            window.value("viewer.seek(0.4 * viewer.duration); viewer.draw(0)", &mut || ());
+            window.keep(&format!("{name}-{width}"));
+            let wrong = window.value(OVERPRINTED, &mut || ());
+            assert_eq!(wrong, serde_json::json!([]), "{name}, {width} px");
+        }
+    }
+}
+
+#[test]
+fn every_rotor_has_its_readout_and_flights_beside_each_other_one_scale() {
+    let Some(browser) = browser() else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut one = window(&browser, &folder.path().join("one"), &[failure()]);
+    one.resize(1280);
+    let told = one.value("viewer.charts[1].readouts(1).map(([, text]) => text)", &mut || ());
+    let told: Vec<f64> = told.as_array().expect("readouts").iter().filter_map(|t| t.as_str()?.parse().ok()).collect();
+    assert!(told.len() == 6 && told.iter().all(|thrust| *thrust > 1.0), "{told:?} N of six rotors");
+    let mut two = window(&browser, &folder.path().join("two"), &[failure(), configuration("payload", 3.0)]);
+    two.resize(1280);
+    let scale = |window: &mut Window, k: usize| window.value(&format!("viewer.charts[{k}].top"), &mut || ());
+    let own = [0, 2].map(|k| two.value(&format!("viewer.charts[{k}].most()"), &mut || ()).as_f64().expect("m"));
+    assert!((own[0] - own[1]).abs() > 1e-3, "flights of different errors: {own:?}");
+    assert_eq!(scale(&mut two, 0), scale(&mut two, 2), "errors");
+    assert!(scale(&mut two, 0).as_f64() >= own.iter().copied().reduce(f64::max));
+}
+
+#[test]
+fn idle_rotors_and_rounding_lie_at_the_bottom_of_their_axes() {
+    let Some(browser) = browser() else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    let flown = failure();
+    let actor = flown.actors[0].clone();
+    let still = |k: usize| Moment {
+        poses: vec![[0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0]],
+        // a hundredth of the speed is a ten-thousandth of the thrust
+        speeds: vec![0.01; flown.looks[0].rotors],
+        goals: vec![[0.0, 0.0, 1.0]; actor.goals],
+        error: if k % 2 == 0 { 0.0 } else { 1e-4 },
+        ..Moment::default()
+    };
+    let mut idle = Recording::new("idle", 0.02, flown.looks.clone(), vec![actor.clone()]);
+    (0..50).for_each(|k| idle.push(&[still(k)]));
+    let mut window = window(&browser, folder.path(), &[idle]);
+    window.resize(1280);
+    for chart in [0, 1] {
+        let share =
+            format!("(() => {{ const c = viewer.charts[{chart}]; return c.panel.lines[0].value(1) / c.top }})()");
+        let share = window.value(&share, &mut || ()).as_f64().expect("a number");
+        assert!((0.0..0.2).contains(&share), "chart {chart}: {share} of its axis");
+    }
+    window.value(WATCH_TEXTS, &mut || ());
+    assert_eq!(window.value(OVERPRINTED, &mut || ()), serde_json::json!([]));
+}
+
+/// Shares of the picture at which the flier and the nearest obstacle ahead of it are, and how much fog hides the flier.
+const IN_VIEW: &str = "(() => {
+const [stage] = viewer.stages;
+const camera = viewer.cameras.of(0, viewer.canvas.clientWidth / viewer.canvas.clientHeight / viewer.stages.length);
+camera.updateMatrixWorld();
+const seen = (v) => { const p = v.clone().project(camera); return Math.abs(p.x) < 1 && Math.abs(p.y) < 1 && p.z < 1 };
+const middle = viewer.cameras.controls.target;
+const at = stage.obstacles.map((o) => o.getWorldPosition(middle.clone()));
+const { near } = stage.scene.fog;
+return {
+  flier: seen(middle),
+  obstacles: at.filter(seen).length,
+  clear: camera.position.distanceTo(middle) < near,
+};
+})()";
+
+#[test]
+fn the_first_view_shows_the_flier_and_what_stands_around_it() {
+    let Some(browser) = browser() else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    for (name, flights) in [
+        ("forest-task", vec![episodes("Forest", 4, 60)]),
+        ("race-task", vec![episodes("Race", 2, 60)]),
+        ("forest-two", vec![episodes("Forest", 1, 60), episodes("Forest", 1, 60)]),
+        ("forest-scene", vec![among_trunks()]),
+    ] {
+        let mut window = window(&browser, &folder.path().join(name), &flights);
+        for width in WIDTHS {
+            window.resize(width);
+            window.value("viewer.cameras.home(); viewer.seek(0); viewer.draw(0)", &mut || ());
+            window.keep(&format!("{name}-{width}"));
+            let view = window.value(IN_VIEW, &mut || ());
+            assert!(view["flier"] == true && view["clear"] == true, "{name}, {width} px: {view}");
+            assert!(view["obstacles"].as_u64() >= Some(2), "{name}, {width} px: {view}");
+        }
+    }
+}
+
+/// A flight among the trunks of a scene.
+fn among_trunks() -> Recording {
+    let vehicle = vehicles::by_name("hummingbird").unwrap();
+    let scene = Generator::parse("forest:3").unwrap().scene().unwrap();
+    let plan = FlightPlan { duration: 2.0, ..FlightPlan::default() };
+    let physics = Physics { effects: Effects { contact: true, ..plan.physics.effects }, ..plan.physics };
+    let believed = Plant::of_vehicle(&vehicle, plan.physics).unwrap();
+    let plant = Plant::of_model(&vehicle_in(&vehicle, &scene).unwrap(), physics).unwrap();
+    let plan = FlightPlan { physics, ..plan };
+    let mut own = controller("cascade", &believed, &Setup::new(None, &plan.rates)).unwrap();
+    let flown = fly(&plant, &mut own, &plan, &mut |_| {}).unwrap();
+    flight(&plant, &flown, &plan)
 }
 
 /// A browser that stays open and is asked through pipes, by its DevTools protocol.

@@ -407,6 +407,11 @@ impl Env {
         Ok(())
     }
 
+    /// Whether every environment has begun an episode: what steps and observations need.
+    pub fn is_started(&self) -> bool {
+        self.check_started().is_ok()
+    }
+
     /// The physical state of one environment, in the layout of the task's robot.
     ///
     /// # Errors

@@ -4,6 +4,7 @@ use super::{Findings, degrees};
 use crate::prelude::*;
 use nalgebra::Complex;
 use omnidrones::controllers::design::Point;
+use omnidrones::controllers::linear::DiskMargin;
 use omnidrones::controllers::linear::response::unwrapped;
 use omnidrones::flight::FlightLog;
 use omnidrones_plot::{Colour, Figure, Panel, Series};
@@ -33,19 +34,35 @@ impl Loops {
         Ok(Self { open: broken.collect::<Result<_>>()?, omega })
     }
 
-    /// Loop and sensitivity at every command over frequency.
-    pub fn bode(&self, name: &str) -> Figure {
+    /// Loop and sensitivity at every command over frequency, the margins of the command that bears least marked.
+    pub fn bode(&self, name: &str, found: &Findings) -> Figure {
         let mut panels = ["Loop: gain [dB]", "Loop: phase [°]", "Sensitivity: gain [dB]"]
             .map(|title| Panel::new(title, "frequency [rad/s]", "").log_x());
+        let [gain, phase, sensitivity] = &mut panels;
         for (i, (command, open)) in self.open.iter().enumerate() {
-            let decibel = |v: Complex<f64>| 20.0 * v.norm().log10();
-            let gain = open.iter().map(|l| decibel(*l)).collect();
-            let phase = unwrapped(open).into_iter().map(degrees).collect();
-            let sensitivity = open.iter().map(|l| decibel((l + 1.0).inv())).collect();
-            let all: [Vec<f64>; 3] = [gain, phase, sensitivity];
-            for (panel, values) in panels.iter_mut().zip(all) {
+            let curve = |values: Vec<f64>| {
                 let points = self.omega.iter().copied().zip(values).collect();
-                *panel = panel.clone().series(Series::line(command, points).colour(Colour::nth(i)));
+                Series::line(command, points).colour(Colour::nth(i))
+            };
+            gain.series.push(curve(open.iter().map(|l| decibel(*l)).collect()));
+            phase.series.push(curve(phases(open)));
+            sensitivity.series.push(curve(open.iter().map(|l| decibel((l + 1.0).inv())).collect()));
+        }
+        for (panel, level) in [(&mut *gain, 0.0), (&mut *phase, -180.0), (sensitivity, 0.0)] {
+            *panel = std::mem::take(panel).level("", level, Colour::GREY);
+        }
+        if let Some((worst, _)) = least_disk(found, self.open.len()) {
+            let marks = Marks::of(&self.omega, &self.open[worst].1);
+            if let Some((omega, at)) = marks.gain {
+                gain.series.push(mark(
+                    format!("gain margin {} dB", number(-at, 1).replace('-', "−")),
+                    omega,
+                    [0.0, at],
+                ));
+            }
+            if let Some((omega, at, line)) = marks.phase {
+                let name = format!("phase margin {}°", number((at - line).abs(), 1));
+                phase.series.push(mark(name, omega, [line, at]));
             }
         }
         let figure =
@@ -55,22 +72,87 @@ impl Loops {
 
     /// L(jω) about −1, with the disk that the least disk margin of one command keeps free.
     pub fn nyquist(&self, found: &Findings) -> Panel {
-        let mut panel = Panel::new("Nyquist curves of the loop broken at one command", "real part", "imaginary part")
-            .x_range(-2.6, 1.4)
-            .y_range(-2.0, 2.0);
-        let margins = found.rows.iter().take(self.open.len()).map(|(_, margins)| &margins.disk);
-        if let Some(disk) = margins.min_by(|a, b| a.alpha.total_cmp(&b.alpha)).filter(|disk| disk.alpha > 0.0) {
+        // of a disk that reaches farther its near side is what matters
+        const FARTHEST: f64 = 5.0;
+        let mut panel = Panel::new("Nyquist curves of the loop broken at one command", "real part", "imaginary part");
+        panel.series.push(Series::line("unit circle", circle(0.0, 1.0)).colour(Colour::GREY).width(0.7));
+        let mut left = -2.0_f64;
+        if let Some((_, disk)) = least_disk(found, self.open.len()) {
             // the factors that the loop bears are the disk's ends on the real axis
             let [near, far] = [disk.gain.1.recip(), disk.gain.0.recip()];
             let circle = circle(-0.5 * (near + far), 0.5 * (far - near));
-            panel = panel.series(Series::line("free by the disk margin", circle).colour(Colour::GREY).dashed());
+            panel.series.push(Series::line("free by the disk margin", circle).colour(Colour::GREY).dashed());
+            left = left.min(-far.min(FARTHEST));
         }
         for (i, (command, open)) in self.open.iter().enumerate() {
             let points = open.iter().map(|l| (l.re, l.im)).collect();
-            panel = panel.series(Series::line(command, points).colour(Colour::nth(i)));
+            panel.series.push(Series::line(command, points).colour(Colour::nth(i)));
         }
-        panel.series(dots("−1", vec![(-1.0, 0.0)], Colour::INK))
+        // both circles whole, one scale for both axes
+        let (lo, hi) = (left - 0.25, 1.25);
+        let half = 0.5 * (hi - lo);
+        panel.series(dots("−1", vec![(-1.0, 0.0)], Colour::INK)).x_range(lo, hi).y_range(-half, half)
     }
+}
+
+fn decibel(v: Complex<f64>) -> f64 {
+    20.0 * v.norm().log10()
+}
+
+/// The command that bears the least disk, with its margin; none where the loop is not stable.
+fn least_disk(found: &Findings, commands: usize) -> Option<(usize, &DiskMargin)> {
+    let disks = found.rows.iter().take(commands).map(|(_, margins)| &margins.disk).enumerate();
+    disks.filter(|(_, disk)| disk.alpha > 0.0).min_by(|a, b| a.1.alpha.total_cmp(&b.1.alpha))
+}
+
+/// Phases without jumps, °, that where the gain falls through 1 for the last time in (−360, 0]: a loop of two integrators
+/// begins near −180°, not at +180°.
+fn phases(open: &[Complex<f64>]) -> Vec<f64> {
+    let mut phases: Vec<f64> = unwrapped(open).into_iter().map(degrees).collect();
+    let largest = || (0..open.len()).max_by(|a, b| open[*a].norm().total_cmp(&open[*b].norm()));
+    let falls = (1..open.len()).rev().find(|k| open[*k - 1].norm() >= 1.0 && open[*k].norm() < 1.0);
+    if let Some(at) = falls.or_else(largest) {
+        let turns = (phases[at] / 360.0).ceil();
+        phases.iter_mut().for_each(|phase| *phase -= 360.0 * turns);
+    }
+    phases
+}
+
+/// Where a loop is nearest to −1 in gain alone and in phase alone.
+struct Marks {
+    /// rad/s, and the gain there, dB.
+    gain: Option<(f64, f64)>,
+    /// rad/s, the phase there, and the odd multiple of 180° next to it.
+    phase: Option<(f64, f64, f64)>,
+}
+
+impl Marks {
+    fn of(omega: &[f64], open: &[Complex<f64>]) -> Self {
+        let gains: Vec<f64> = open.iter().map(|l| decibel(*l)).collect();
+        let phases = phases(open);
+        let odd = |phase: f64| 360.0 * (phase / 360.0).floor() + 180.0;
+        // where a curve runs through a level, and what another is there
+        let through = |values: &[f64], level: f64, other: &[f64]| -> Vec<(f64, f64)> {
+            let cut = |k: usize| {
+                let (a, b) = (values[k] - level, values[k + 1] - level);
+                let share = (a * b <= 0.0 && a != b).then(|| a / (a - b))?;
+                let at = omega[k] * (omega[k + 1] / omega[k]).powf(share);
+                Some((at, other[k] + share * (other[k + 1] - other[k])))
+            };
+            (0..values.len().saturating_sub(1)).filter_map(cut).collect()
+        };
+        let least = |a: f64, b: f64| a.abs().total_cmp(&b.abs());
+        let (low, high) = phases.iter().fold((0.0_f64, 0.0_f64), |(lo, hi), p| (lo.min(*p), hi.max(*p)));
+        let levels = (odd(low) as i64..=odd(high) as i64).step_by(360).map(|level| level as f64);
+        let gain = levels.flat_map(|level| through(&phases, level, &gains));
+        let phase = through(&gains, 0.0, &phases).into_iter().map(|(omega, phase)| (omega, phase, odd(phase)));
+        Self { gain: gain.min_by(|a, b| least(a.1, b.1)), phase: phase.min_by(|a, b| least(a.1 - a.2, b.1 - b.2)) }
+    }
+}
+
+/// An upright line between two values at a frequency.
+fn mark(name: String, omega: f64, values: [f64; 2]) -> Series {
+    Series::line(name, values.map(|v| (omega, v)).to_vec()).colour(Colour::INK).width(0.95)
 }
 
 /// Poles of the whole loop over its period, within the unit circle where it is stable.
@@ -104,4 +186,56 @@ pub fn step(title: &str, log: &FlightLog, axis: usize, from: f64) -> Panel {
     Panel::new(title, "time since the step [s]", "position [m]")
         .series(Series::line("reference", of(&log.reference_position)).colour(Colour::INK).dashed().width(1.0))
         .series(Series::line("flown", of(&log.position)).colour(Colour::nth(axis)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Loops of two integrators, a lag and a delay over frequency, by the gain at which they cross.
+    fn open(lag: f64, delay: f64, gain: f64) -> (Vec<f64>, Vec<Complex<f64>>) {
+        let omega: Vec<f64> = (0..400).map(|k| 0.1 * 1e4_f64.powf(f64::from(k) / 399.0)).collect();
+        let j = Complex::i();
+        // a zero lifts the phase at the crossover
+        let at =
+            |w: &f64| gain * (j * *w * 0.2 + 1.0) / (j * *w).powi(2) / (j * *w * lag + 1.0) * (-j * *w * delay).exp();
+        let open = omega.iter().map(at).collect();
+        (omega, open)
+    }
+
+    #[test]
+    fn the_phase_of_two_integrators_begins_at_minus_180_and_crosses_within_a_turn() {
+        for (lag, delay) in [(0.01, 0.0), (0.05, 0.002), (0.002, 0.02)] {
+            for sign in [1.0, 1.0 + 1e-3] {
+                let (omega, open) = open(lag, delay, 30.0 * sign);
+                let phases = phases(&open);
+                assert!((phases[0] + 180.0).abs() < 3.0, "{}", phases[0]);
+                let cross = open.iter().position(|l| l.norm() < 1.0).unwrap();
+                let w = omega[cross];
+                let own = -180.0 + degrees((0.2 * w).atan() - (lag * w).atan() - delay * w);
+                assert!((phases[cross] - own).abs() < 1e-6 && (-360.0..=0.0).contains(&own), "{} {own}", phases[cross]);
+            }
+        }
+    }
+
+    #[test]
+    fn marks_stand_where_the_loop_is_nearest_to_minus_one() {
+        for (lag, delay, gain) in [(0.01, 0.01, 30.0), (0.02, 0.005, 10.0)] {
+            let (omega, open) = open(lag, delay, gain);
+            let marks = Marks::of(&omega, &open);
+            let by = |w: f64| {
+                let phase = -180.0 + degrees((0.2 * w).atan() - (lag * w).atan() - delay * w);
+                let size = gain * (0.2 * w).hypot(1.0) / (w * w * (lag * w).hypot(1.0));
+                (20.0 * size.log10(), phase)
+            };
+            let (w, at) = marks.gain.unwrap();
+            assert!((by(w).1 + 180.0).abs() < 0.1 && (by(w).0 - at).abs() < 0.05, "{w} {at} {:?}", by(w));
+            let (w, at, line) = marks.phase.unwrap();
+            assert!(
+                by(w).0.abs() < 0.05 && (by(w).1 - at).abs() < 0.2 && line == -180.0,
+                "{w} {at} {line} {:?}",
+                by(w)
+            );
+        }
+    }
 }

@@ -64,7 +64,7 @@ impl Subject<'_> {
         let plane = plane.place((0, 0), (1, 1), loops.nyquist(found)).place((1, 0), (1, 1), figures::poles(found));
         page.heading("Stability").figure(plane.svg()?);
         self.steps(&mut page)?;
-        page.heading("Loop and sensitivity").figure(loops.bode(&vehicle.name).svg()?);
+        page.heading("Loop and sensitivity").figure(loops.bode(&vehicle.name, found).svg()?);
         Ok(html(&page))
     }
 

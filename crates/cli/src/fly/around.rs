@@ -78,11 +78,10 @@ impl Approach {
     }
 
     pub fn fact(&self) -> Fact {
-        let of = |n: usize, what: &str| if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") };
         let things: Vec<String> = [(self.n_obstacle, "obstacle"), (self.n_gate, "gate")]
             .into_iter()
             .filter(|(n, _)| *n > 0)
-            .map(|(n, what)| of(n, what))
+            .map(|(n, what)| counted(n, what))
             .collect();
         let (part, at) = (&self.part, short(self.time, 3));
         let near = if self.distance < 0.0 {

@@ -53,7 +53,9 @@ pub(super) fn write(
         spinner.finish_and_clear();
     }
     if a.csv {
-        let spinner = progress::spinner("writing CSV", a.output.json);
+        let size = flight.log.csv_size();
+        let spinner = progress::spinner(&format!("writing CSV, about {}B", count(size as f64)), a.output.json);
+        tell_size("flight.csv", size, flight.log.csv_header().len(), a);
         outputs.put("flight.csv", |path| flight.log.write_csv(path))?;
         if let Some(system) = plant.tree().filter(|system| !joints(system, &[]).is_empty()) {
             outputs.text("joints.csv", joint_csv(system, flight))?;
@@ -61,9 +63,25 @@ pub(super) fn write(
         spinner.finish_and_clear();
     }
     if a.npz {
+        let width = flight.log.csv_header().len() + flight.states.len() / flight.log.len().max(1);
+        tell_size("flight.npz", (8 * width * flight.log.len()) as u64, width, a);
         outputs.put("flight.npz", |path| write_npz(path, plant, flight))?;
     }
     Ok(())
+}
+
+/// Larger logs are told of before they are written, bytes.
+const LARGE: u64 = 50_000_000;
+
+/// Says how large a log gets, and what makes it so, before it takes the disk.
+fn tell_size(name: &str, bytes: u64, width: usize, a: &Arguments) {
+    if bytes < LARGE || a.output.json {
+        return;
+    }
+    use std::io::Write as _;
+    let why = if a.sensors.is_some() { ": --sensors puts every pixel and beam into every step" } else { "" };
+    let told = format!("{name}: {width} columns, about {}B{why}", count(bytes as f64));
+    let _ = writeln!(std::io::stderr(), "{told}");
 }
 
 /// Arrays of all samples, with the whole state.
@@ -178,7 +196,7 @@ impl Flown {
         let mut recording = omnidrones_viewer::flight(&self.plant, &self.flight, &self.plan);
         let rmse = format!("tracking RMSE {}", length(self.summary.rmse));
         recording.remark = format!("{}, flown by {}   ·   {rmse}", self.plan.reference.name(), self.controller[0]);
-        recording.facts = plain_facts(&self.facts());
+        recording.facts = plain_facts(&self.facts(false));
         omnidrones_viewer::page(&format!("{}: a flight", self.plant.name()), &[recording])
     }
 
@@ -215,7 +233,7 @@ impl Flown {
                 page.line(format!("  {}", robot.description));
             }
         }
-        page.heading("Flight").facts(self.facts());
+        page.heading("Flight").facts(self.facts(true));
         page.notes("warning:", &self.warnings, 8, "");
         if let (Some(story), What::Vehicle { source, .. }) = (&self.story, &self.what) {
             story.page(&mut page, &source.vehicle, &self.plan);
@@ -244,7 +262,8 @@ impl Flown {
         page
     }
 
-    fn facts(&self) -> Vec<Fact> {
+    /// With how long it took to compute, or of the flight alone.
+    fn facts(&self, took: bool) -> Vec<Fact> {
         let (s, plan) = (&self.summary, &self.plan);
         let place = match &plan.reference {
             Reference::Lemniscate(l) => {
@@ -257,17 +276,19 @@ impl Flown {
             1 => String::new(),
             n => format!(" ({n} substeps)"),
         };
+        let computed = match took {
+            true => format!(" in {}: {} × real time", duration(self.wall_time), short(self.speed(), 3)),
+            false => String::new(),
+        };
         let mut facts = vec![
             Fact::new("controller", &self.controller[0]).note(&self.controller[1]),
             Fact::new("reference", plan.reference.name()).note(format!("{}{place}", plan.reference.description())),
         ];
         facts.extend(self.tilt_fact());
         facts.push(Fact::new("simulated", format!("{} s", short(s.duration, 5))).note(format!(
-            "{} steps of {}{substeps} in {}: {} × real time",
+            "{} steps of {}{substeps}{computed}",
             s.samples.saturating_sub(1),
             duration(plan.physics.dt),
-            duration(self.wall_time),
-            short(self.speed(), 3)
         )));
         if !self.learnt && (self.plant.tree().is_some() || !is_optimal(&self.controller[0])) {
             facts.push(self.gains_fact());

@@ -206,6 +206,11 @@ fn a_flight_records_what_sensors_read() {
         assert!(out.is_empty() && err.contains(word), "{given}: {err}");
     }
     assert!(!folder.path().join("refused").exists());
+    let seen =
+        ["fly", "iris", "--duration", "0.1", "--no-plots", "--replay", "--out", "seen", "--sensors", "range:vl53l1x"];
+    exits(0, folder.path(), &seen);
+    let page = std::fs::read_to_string(folder.path().join("seen/replay.html")).expect("written");
+    assert!(page.contains("\"reach\":4.0"), "where it looks");
     let (_, err) = exits(2, folder.path(), &["fly", "iris", "--no-plots", "--sensors", "imu"]);
     assert!(err.contains("--csv"), "{err}");
     let short = ["fly", "iris", "--duration", "0.1", "--out", "drawn", "--sensors", "imu,lidar:omnidrones"];

@@ -129,8 +129,12 @@ fn what_is_kept_is_asked_for() {
 fn logs_for_foxglove_are_told_not_to_be_there() {
     eprintln!("NOT RUN: MCAP (cargo test -p omnidrones-cli --features mcap --test command_line logs)");
     let folder = temporary();
-    let (_, err) = exits(2, folder.path(), &["fly", "iris", "--mcap"]);
-    assert!(err.contains("--mcap"), "{err}");
+    for words in [&["fly", "iris", "--mcap"][..], &["rollout", "Hover", "--envs", "2", "--horizon", "3", "--mcap"]] {
+        let (_, err) = exits(2, folder.path(), words);
+        assert!(err.contains("--mcap is given") && err.contains("--features mcap"), "{err}");
+        let (help, _) = exits(0, folder.path(), &[words[0], "--help"]);
+        assert!(!help.contains("--mcap\n"), "{help}");
+    }
 }
 
 #[cfg(feature = "mcap")]

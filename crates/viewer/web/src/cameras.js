@@ -3,12 +3,17 @@ import { Box3, PerspectiveCamera, Quaternion, Vector3 } from 'three'
 import { OrbitControls } from 'three/addons/controls/OrbitControls.js'
 
 export const CAMERAS = ['orbit', 'follow', 'on board']
+/** A room so many times as large as a flier shows it as a speck. */
+const SPECK = 25
+/** Amid obstacles: half of the picture's height in sizes of the flier, and the camera's height over its distance. */
+const [AMID, LOW] = [2, 0.32]
 const [PLACE, TURN, AHEAD] = [new Vector3(), new Quaternion(), new Vector3()]
 
 /** One camera for all flights beside each other: what it does in one, it does in the other. */
 export class Cameras {
   constructor(stages, element) {
     this.stages = stages
+    this.element = element
     this.camera = new PerspectiveCamera(42, 1, 0.01, 200)
     this.camera.up.set(0, 0, 1)
     this.controls = new OrbitControls(this.camera, element)
@@ -21,17 +26,28 @@ export class Cameras {
     this.home()
   }
 
-  /** So that all that matters is in the picture; one alone is followed from near. */
+  /** So that all that matters is in the picture; one alone is followed from near, and so is the first of several that are specks in
+   * the room that they take. Where things stand, the camera looks past the drone at them, across the ground. */
   home() {
     const [stage] = this.stages
-    const follow = this.stages.every((s) => s.players.length === 1)
     const room = this.stages.reduce((all, s) => all.union(s.room), new Box3())
     const look = Math.max(...this.stages.map((s) => s.look))
+    const whole = 0.5 * room.getSize(PLACE).length()
+    const scene = this.stages.some((s) => s.obstacles.length > 0)
+    const follow = this.stages.every((s) => s.players.length === 1) || (scene && whole > SPECK * look)
     const focus = follow ? this.center(stage, new Vector3()) : room.getCenter(new Vector3())
-    const radius = follow ? 1.05 * look : Math.max(0.5 * room.getSize(PLACE).length(), 1.3 * look)
-    const distance = (Math.max(radius, 0.05) * Math.sqrt(this.stages.length)) / Math.sin((0.5 * this.camera.fov * Math.PI) / 180)
+    const ahead = stage.beset(focus)
+    const radius = follow ? (ahead ? AMID : 1.05) * look : Math.max(1.15 * whole, 1.3 * look)
+    const { clientWidth, clientHeight } = this.element
+    const aspect = clientWidth / this.stages.length / clientHeight || 1
+    const half = Math.atan(Math.tan((0.5 * this.camera.fov * Math.PI) / 180) * Math.min(1, aspect))
+    const distance = Math.max(radius, 0.05) / Math.sin(half)
+    this.controls.maxDistance = Math.max(60, 1.5 * distance)
+    this.camera.far = Math.max(200, 4 * this.controls.maxDistance)
+    this.camera.updateProjectionMatrix()
     this.controls.target.copy(focus)
-    this.camera.position.copy(focus).add(PLACE.set(0.5, -0.75, 0.62).normalize().multiplyScalar(distance))
+    const from = ahead ? PLACE.copy(ahead).negate().setZ(LOW) : PLACE.set(0.5, -0.75, 0.62)
+    this.camera.position.copy(focus).add(from.normalize().multiplyScalar(distance))
     this.choose(follow ? 'follow' : 'orbit')
     this.controls.update()
   }
@@ -72,7 +88,10 @@ export class Cameras {
       this.camera.position.add(moved)
       this.last[0].copy(now)
     }
-    return this.controls.update()
+    const turned = this.controls.update()
+    const distance = this.camera.position.distanceTo(this.controls.target)
+    for (const stage of this.stages) stage.haze(distance)
+    return turned
   }
 
   /** The camera of a flight, of this shape. */

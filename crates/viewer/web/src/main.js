@@ -72,11 +72,14 @@ class Viewer {
     }))
     document.body.classList.toggle('several', this.flights.length > 1)
     $('charts').replaceChildren()
-    this.charts = this.flights.flatMap((flight) => curves(flight).map((panel) => {
+    this.charts = this.flights.flatMap((flight) => curves(flight).map((panel, k) => {
       const canvas = $('charts').appendChild(document.createElement('canvas'))
       canvas.setAttribute('role', 'img')
       canvas.setAttribute('aria-label', panel.title)
-      return new Chart(canvas, flight, panel, () => this.duration)
+      // beside another flight a narrow page has room for the first panel of each
+      canvas.classList.toggle('more', k > 0)
+      const kindred = () => this.charts.filter((chart) => chart.panel.title === panel.title)
+      return new Chart(canvas, flight, panel, () => this.duration, kindred)
     }))
     for (const chart of this.charts) this.scrub(chart.canvas, (event) => chart.time(event))
     $('marks').replaceChildren(...this.flights.flatMap((flight) => flight.events.map((event) => {

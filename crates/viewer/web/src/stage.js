@@ -79,6 +79,7 @@ class Player {
       const mesh = obstacle(look.still[i])
       mesh.position.set(...at)
       this.root.add(mesh)
+      stage.obstacles.push(mesh)
     })
     this.trace()
   }
@@ -175,6 +176,7 @@ export class Stage {
     this.standing = new Set()
     this.scene = new Scene()
     this.scene.fog = new Fog(SKY, 22, 60)
+    this.obstacles = []
     this.scene.add(new HemisphereLight('#ffffff', '#b9c2cb', 2.1))
     const sun = new DirectionalLight('#fff6e8', 2.0)
     sun.position.copy(SUN)
@@ -207,6 +209,23 @@ export class Stage {
       this.room.union(own)
       for (const goal of player.goals) this.room.expandByPoint(goal.getWorldPosition(V))
     }
+  }
+
+  /** Towards what stands about a place, the nearest most, level; nothing where nothing stands. */
+  beset(place) {
+    const ahead = new Vector3()
+    for (const mesh of this.obstacles) {
+      const box = new Box3().setFromObject(mesh)
+      const way = box.getCenter(V).sub(place).setZ(0)
+      const apart = Math.max(box.distanceToPoint(place), 0.2)
+      if (way.length() > 1e-3) ahead.addScaledVector(way.normalize(), 1 / apart ** 2)
+    }
+    return ahead.length() > 1e-9 ? ahead.normalize() : undefined
+  }
+
+  /** What is far is paler, but never who is looked at from so far. */
+  haze(distance) {
+    Object.assign(this.scene.fog, { near: Math.max(22, 1.6 * distance), far: Math.max(60, 3.2 * distance) })
   }
 
   /** Only one player, for who looks from on board: episodes that share a room are worlds of their own. */
