@@ -515,7 +515,6 @@ mod tests {
             ("Hover", "learning_rate.to", "apg.learning_rate.to"),
             ("Hover", "lr", "apg.learning_rate.from"),
             ("Hover", "hidden", "apg.network.hidden"),
-            ("Race", "hidden", "ppo.network.hidden"),
             ("Hover", "max_grad_norm", "apg.max_grad_norm"),
             ("Hover", "keep", "checkpoint.keep"),
         ] {

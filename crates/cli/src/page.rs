@@ -244,7 +244,7 @@ mod tests {
             page.facts(vec![Fact::new(&evil, &evil).note(&evil)]).notes("note", &[evil.clone()], 3, "");
             let text = page.styled(false, None);
             // three headings have an empty line above
-            assert_eq!(text.lines().filter(|line| !line.is_empty()).count(), 10, "{text}");
+            assert_eq!(text.lines().filter(|line| !line.is_empty()).count(), 11, "{text}");
             assert!(!text.contains(['\r', '\u{2028}', '\u{202e}']), "{text}");
         }
         let mut page = Page::new();
