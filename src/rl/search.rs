@@ -266,11 +266,14 @@ impl Search {
     }
 }
 
+/// A run of a search that failed: its candidate, its seed, and why.
+pub type Failure = (usize, u64, String);
+
 /// A search as its folder tells it: what was asked, and what is known.
 ///
 /// # Errors
 /// [`Error::File`], [`Error::Limit`] and [`Error::Format`] for a file that cannot be read, or tells what cannot be.
-pub fn told(folder: &Path) -> Result<(Search, Vec<Trial>, Vec<(usize, u64, String)>)> {
+pub fn told(folder: &Path) -> Result<(Search, Vec<Trial>, Vec<Failure>)> {
     let path = folder.join(FILE);
     let known = read(&path)?;
     let candidate = |k: usize| {

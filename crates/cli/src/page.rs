@@ -241,7 +241,7 @@ mod tests {
             let table = Table::new("name").filled([[&evil]]);
             let mut page = Page::new();
             page.title(&evil, &evil).heading(&evil).subheading(&evil).line(&evil).lines("of", [&evil]).table(table);
-            page.facts(vec![Fact::new(&evil, &evil).note(&evil)]).notes("note", &[evil.clone()], 3, "");
+            page.facts(vec![Fact::new(&evil, &evil).note(&evil)]).notes("note", std::slice::from_ref(&evil), 3, "");
             let text = page.styled(false, None);
             // three headings have an empty line above
             assert_eq!(text.lines().filter(|line| !line.is_empty()).count(), 11, "{text}");
