@@ -1,7 +1,7 @@
 //! Hostile actions, broken environments, impossible configurations, damaged bytes.
 
 use crate::{config, count, everywhere};
-use omnidrones::error::Result;
+use omnidrones::error::{Error, Result};
 use omnidrones::parallel::Threads;
 use omnidrones::rng::{Purpose, Stream};
 use omnidrones::tasks::{ActionSpace, Autoreset, Buffers, Domain, Env, EnvConfig, registry};
@@ -593,4 +593,15 @@ fn a_staggered_batch_does_not_run_out_of_time_at_once() {
         counts.push(out.truncated.iter().filter(|t| **t == 1).count());
     }
     assert!(counts.iter().all(|n| *n < 60) && counts.iter().sum::<usize>() > 300, "{counts:?}");
+}
+
+#[test]
+fn endless_names_are_refused_at_once_and_shown_by_their_beginning() {
+    let known = vec!["hummingbird".to_string(), "firefly".to_string()];
+    for (letter, n) in [("A", 10_000_000), ("é", 5_000_000), ("firefly", 2_000_000)] {
+        let (name, begun) = (letter.repeat(n), std::time::Instant::now());
+        let text = Error::Unknown { kind: "vehicle", name, known: known.clone() }.to_string();
+        assert!(text.chars().count() < 300 && text.contains("…'. Known:"), "{text}");
+        assert!(begun.elapsed().as_secs_f64() < 1.0, "{letter}: {:?}", begun.elapsed());
+    }
 }
