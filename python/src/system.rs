@@ -233,7 +233,8 @@ impl System {
                 stopped.is_ok()
             };
             let found = recorded.gradient(x, &inputs, &theta, &mut goes_on);
-            stopped.map(|()| found.expect("nothing stopped it"))
+            stopped?;
+            found.ok_or_else(|| Error::value("the sweep", "given up", "whole", "Report this."))
         })?;
         let by_input = down.inputs.chunks_exact(m + n).flat_map(|row| &row[..m]).copied().collect();
         let by_parameter = down.parameters[..p].to_vec();

@@ -90,17 +90,16 @@ impl Table {
     /// As many columns at a time as fit with no word broken, each time behind the first.
     fn parts(&self, columns: &[usize], width: usize) -> Vec<Vec<usize>> {
         let least = |i: &usize| PADDING + self.longest_word(*i);
-        let mut parts: Vec<Vec<usize>> = vec![columns[..columns.len().min(1)].to_vec()];
-        for i in columns.iter().skip(1) {
-            let last = parts.last_mut().expect("one part at least");
-            if last.len() > 1
-                && INDENT + BETWEEN * last.len() + last.iter().chain([i]).map(least).sum::<usize>() > width
-            {
-                parts.push(vec![columns[0], *i]);
-            } else {
-                last.push(*i);
+        let Some((first, others)) = columns.split_first() else { return Vec::new() };
+        let (mut parts, mut last) = (Vec::new(), vec![*first]);
+        for i in others {
+            let wide = INDENT + BETWEEN * last.len() + last.iter().chain([i]).map(least).sum::<usize>();
+            if last.len() > 1 && wide > width {
+                parts.push(std::mem::replace(&mut last, vec![*first]));
             }
+            last.push(*i);
         }
+        parts.push(last);
         parts
     }
 

@@ -432,7 +432,7 @@ fn idle_rotors_and_rounding_lie_at_the_bottom_of_their_axes() {
         // a hundredth of the speed is a ten-thousandth of the thrust
         speeds: vec![0.01; flown.looks[0].rotors],
         goals: vec![[0.0, 0.0, 1.0]; actor.goals],
-        error: if k % 2 == 0 { 0.0 } else { 1e-4 },
+        error: if k.is_multiple_of(2) { 0.0 } else { 1e-4 },
         ..Moment::default()
     };
     let mut idle = Recording::new("idle", 0.02, flown.looks.clone(), vec![actor.clone()]);
