@@ -92,8 +92,11 @@ impl Env {
             for _ in 0..2 * BLOCK + 1 {
                 words.take::<8>();
             }
-            for _ in 0..1 + 2 * block.sums.len() {
-                words.finite(|| format!("statistics of environments {} and more", i * BLOCK))?;
+            let statistics = || format!("statistics of environments {} and more", i * BLOCK);
+            words.not_negative(statistics)?;
+            for _ in &block.sums {
+                words.finite(statistics)?;
+                words.not_negative(statistics)?;
             }
             // all sets have the same settings
             let mut sets = block.sensors.first().map_or_else(Vec::new, |own| own.sets.clone());
@@ -109,10 +112,12 @@ impl Env {
         check((0.0..=1.0).contains(&difficulty), difficulty, || "difficulty".into())?;
         words.take::<8>();
         let s = &self.core.statistics;
-        for _ in 0..s.mean.len() + s.variance.len() + 1 {
-            words.finite(|| "statistics of observations".into())?;
+        let statistics = || "statistics of observations".to_string();
+        for _ in &s.mean {
+            words.finite(statistics)?;
         }
-        Ok(())
+        // variances and how many there were
+        (0..=s.variance.len()).try_for_each(|_| words.not_negative(statistics))
     }
 
     /// Bytes of a saved state: every block has the same rows.
@@ -155,6 +160,11 @@ impl Words<'_> {
     fn finite(&mut self, place: impl FnOnce() -> String) -> Result<f64> {
         let x = f64::from_le_bytes(self.take());
         check(x.is_finite(), x, place).map(|()| x)
+    }
+
+    fn not_negative(&mut self, place: impl FnOnce() -> String) -> Result<()> {
+        let x = f64::from_le_bytes(self.take());
+        check(x.is_finite() && x >= 0.0, x, place)
     }
 
     fn take<const N: usize>(&mut self) -> [u8; N] {
