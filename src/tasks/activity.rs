@@ -210,9 +210,9 @@ mod tests {
     #[test]
     fn the_last_second_is_the_end_of_the_episode_however_long_it_is() {
         for steps in [2_u16, 10, 60, 61, 200] {
-            let calms = flown(60, (0..steps).map(|t| if t + 61 > steps { 0.0 } else { f32::from(t % 2) }));
+            let calms = flown(60, (0..steps).map(|t| if t + 62 > steps { 0.0 } else { f32::from(t % 2) }));
             assert_eq!(calms.last_second, 0.0, "{steps}");
-            let wakes = flown(60, (0..steps).map(|t| if t + 61 > steps { f32::from(t % 2) } else { 0.0 }));
+            let wakes = flown(60, (0..steps).map(|t| if t + 62 > steps { f32::from(t % 2) } else { 0.0 }));
             assert!((wakes.last_second - 1.0).abs() < 0.02, "{steps}: {wakes:?}");
         }
         assert_eq!(flown(60, std::iter::once(0.4)), EpisodeActivity::default());
