@@ -136,7 +136,8 @@ pub(super) const NOT_OF_ENV: [(&str, &str); 4] = [
 ];
 
 /// Settings that came after rows were trained, whose defaults change nothing.
-const LATER: [&str; 17] = [
+const LATER: [&str; 18] = [
+    "env.throttle_change",
     "env.residual",
     "env.easier",
     "env.truncate_after",
@@ -368,6 +369,8 @@ impl TrainConfig {
         let mut table = Table::try_from(Own(self)).map_err(unwritable)?;
         if let Some(Value::Table(env)) = table.get_mut("env") {
             NOT_OF_ENV.iter().for_each(|(key, _)| drop(env.remove(*key)));
+            // environments leave 0 out, and over a recipe that has a weight a text must say it
+            env.entry("throttle_change").or_insert(Value::Float(0.0));
         }
         Ok(table)
     }
