@@ -327,7 +327,9 @@ fn a_folder_holds_one_run_with_one_set_of_settings() {
     let run = folder.path();
     train(trainer(tiny("apg"), 1).in_folder(run, false).unwrap(), 3).unwrap();
     let refused = |config: TrainConfig, resume| trainer(config, 1).in_folder(run, resume).err().unwrap().to_string();
-    assert!(refused(tiny("apg"), false).contains("which holds a run already, but it must be new. Go on with it (--resume)"));
+    assert!(
+        refused(tiny("apg"), false).contains("which holds a run already, but it must be new. Go on with it (--resume)")
+    );
     for config in [tiny("ppo"), TrainConfig { seed: 5, ..tiny("apg") }] {
         assert!(refused(config, true).contains("those that it was begun with"));
     }
