@@ -79,7 +79,7 @@ pub fn compare(entry: &Entry, config: &TrainConfig, threads: &Threads) -> Option
 /// Who flew how well, a row each; errors in this unit.
 pub fn results<'a>(unit: &str, flown: impl IntoIterator<Item = &'a (String, Evaluation)>) -> Table {
     Table::new(&format!(
-        "flown by | >success | >crashed | >final error [{unit}] | >mean error [{unit}] | >change of commands | >return | >share of bound | >length"
+        "flown by | >success | >crashed | >final error [{unit}] | >mean error [{unit}] | >Δ command | >return | >share of bound | >length"
     )).filled(flown.into_iter().map(|(name, e)| {
         let mut figures = FIGURES.map(|(of, show, _)| show(of(e)));
         figures[1] = share_of(e.crashed, e.n_episode);

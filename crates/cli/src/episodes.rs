@@ -32,13 +32,11 @@ pub fn success(spec: &Spec) -> String {
     format!("  Success, not crashed: {}.", spec.success.text())
 }
 
-/// What stands behind the mean change of commands.
-fn activity(e: &Evaluation) -> String {
+/// What stands behind the mean change of commands; `dt` is the time of a step.
+fn activity(e: &Evaluation, dt: f64) -> String {
     let Some(Activity { last_second, fast, .. }) = e.activity else { return String::new() };
     let (last, fast) = (short(last_second, 3), percent(fast));
-    format!(
-        "per step of a rotor, of the range −1 to 1; {last} in the last second; {fast} of its power above a quarter of the rate"
-    )
+    format!("per step of a rotor; {last} in the last second; {fast} of its power above {} Hz", short(0.25 / dt, 3))
 }
 
 /// What flew, and how well.
@@ -180,7 +178,7 @@ impl Flown {
             Fact::new(format!("{}, mean", error.name.replace('_', " ")), with_unit(e.mean_error))
                 .note("over all steps, the start included"),
             Fact::new("in the last step", with_unit(e.final_error)).note("mean, crashed episodes included"),
-            Fact::new("change of commands", short(e.command_change(), 3)).note(activity(e)),
+            Fact::new("change of commands", short(e.command_change(), 3)).note(activity(e, spec.dt)),
             Fact::new("took", duration(self.wall_time))
                 .note(format!("{} k steps per second, the controller included", short(1e-3 * rate, 3))),
         ];

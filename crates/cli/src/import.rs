@@ -164,17 +164,21 @@ fn page(a: &Arguments, imported: &Imported, written: &[PathBuf]) -> Page {
     list(&mut page, "Assumed, not read", "nothing", assumptions);
     page.written(written);
     page.line("");
-    page.line(last(imported, &fly(a, imported)));
+    for line in last(imported, &fly(a, imported)) {
+        page.line(line);
+    }
     page
 }
 
 /// What to do with it now: `fly` it, or first mend what keeps it from that.
-fn last(imported: &Imported, fly: &str) -> String {
+fn last(imported: &Imported, fly: &str) -> Vec<String> {
     match (source::verdicts(&imported.import.vehicle).first(), imported.drafted) {
-        (None, true) => format!("Correct the draft where you know better, then: {fly}"),
-        (None, false) => format!("Fly it: {fly}"),
-        (Some(reason), true) => format!("It does not fly yet: {reason}\nCorrect the draft, then: {fly}"),
-        (Some(reason), false) => format!("It does not fly yet: {reason}\nMend that, then: {fly}"),
+        (None, true) => vec![format!("Correct the draft where you know better, then: {fly}")],
+        (None, false) => vec![format!("Fly it: {fly}")],
+        (Some(reason), drafted) => {
+            let what = if drafted { "Correct the draft" } else { "Mend that" };
+            vec![format!("It does not fly yet: {reason}"), format!("{what}, then: {fly}")]
+        }
     }
 }
 

@@ -88,7 +88,7 @@ pub fn told_errors<'a>(errors: impl Iterator<Item = (&'a str, &'a str)>) -> Stri
 
 fn all_page(lines: &[Line], config: &EnvConfig, written: &[PathBuf]) -> Page {
     let mut table = Table::new(
-        "task | flown by | >return | >of bound | >success | >crashed | >steps | >mean error [m] | >last [m] | >change of commands",
+        "task | flown by | >return | >of bound | >success | >crashed | >steps | >mean error [m] | >last [m] | >Δ command",
     );
     // tasks by the reason for which they were not flown
     let mut left_out: Vec<(String, Vec<&str>)> = Vec::new();

@@ -1,6 +1,6 @@
 //! Tables for people: aligned numbers, units in the header, bold headers on a terminal only.
 
-use super::words::shown;
+use super::words::{shown, shown_lines};
 use comfy_table::{Attribute, Cell, CellAlignment, ColumnConstraint, ContentArrangement, LineStyle, TableStyle, Width};
 use std::io::IsTerminal;
 
@@ -44,11 +44,18 @@ impl Table {
         self
     }
 
-    /// Appends a row; missing cells stay empty, surplus ones are dropped.
+    /// Appends a row of cells of one line each; missing cells stay empty, surplus ones are dropped.
     pub fn row<S: Into<String>>(&mut self, cells: impl IntoIterator<Item = S>) -> &mut Self {
-        let mut row: Vec<String> = cells.into_iter().map(Into::into).collect();
+        self.push(cells.into_iter().map(|cell| shown(&cell.into())).collect())
+    }
+
+    /// The same of cells whose lines are our own.
+    pub fn row_of_lines<S: Into<String>>(&mut self, cells: impl IntoIterator<Item = S>) -> &mut Self {
+        self.push(cells.into_iter().map(|cell| shown_lines(&cell.into())).collect())
+    }
+
+    fn push(&mut self, mut row: Vec<String>) -> &mut Self {
         row.resize(self.columns.len(), String::new());
-        row.iter_mut().for_each(|cell| *cell = shown(cell));
         self.rows.push(row);
         self
     }

@@ -307,7 +307,7 @@ impl Described {
         let defaults = self.entry.default_config().map(|c| c.task).unwrap_or_default();
         for s in &self.env.task_spec().settings {
             let default = defaults.get(&s.key).unwrap_or(&s.default).to_string();
-            table.row([&s.key, &default, &wrapped(&s.text(), 48, 0, 0)]);
+            table.row_of_lines([&s.key, &default, &wrapped(&s.text(), 48, 0, 0)]);
         }
         table
     }
@@ -389,7 +389,7 @@ fn fields(fields: &[Field]) -> Table {
     for s in fields {
         let place = if s.size == 1 { at.to_string() } else { format!("{at}–{}", (at + s.size).saturating_sub(1)) };
         at += s.size;
-        table.row([&place, &s.name, &s.size.to_string(), &s.unit, &wrapped(&s.meaning, 48, 0, 0)]);
+        table.row_of_lines([&place, &s.name, &s.size.to_string(), &s.unit, &wrapped(&s.meaning, 48, 0, 0)]);
     }
     table.row(["", "all", &total(fields).to_string()]);
     table

@@ -228,7 +228,7 @@ pub fn table(lines: &[Line]) -> Table {
     let head = |name: &str| unit.map_or(name.to_string(), |unit| format!("{name} [{unit}]"));
     let (last, mean) = (head("final error"), head("mean error"));
     let mut table = Table::new(&format!(
-        "task | flown by | >success | >crashed | >{last} | >{mean} | >change of commands | >return | >share | >time | >env steps"
+        "task | flown by | >success | >crashed | >{last} | >{mean} | >Δ command | >return | >share | >time | >env steps"
     ));
     for line in lines {
         let Some(Row { runs, .. }) = line.row.as_ref().ok().filter(|row| !row.runs.is_empty()) else { continue };

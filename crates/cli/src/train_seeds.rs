@@ -115,7 +115,7 @@ fn page(asked: &Asked<'_>, error: &Metric, done: &[Outcome], failed: &[Failure],
 pub fn table(error: &Metric, done: &[Outcome]) -> Table {
     let (last, mean) = (format!("final error [{}]", error.unit), format!("mean error [{}]", error.unit));
     let mut table = Table::new(&format!(
-        "seed | >success | >crashed | >{last} | >{mean} | >change of commands | >return | >share of bound | >time | >env steps"
+        "seed | >success | >crashed | >{last} | >{mean} | >Δ command | >return | >share of bound | >time | >env steps"
     ));
     for run in done {
         let figures = FIGURES.map(|(of, show, _)| show(of(&run.evaluation)));

@@ -132,11 +132,11 @@ impl Derivatives {
             page.table(self.table());
             page.line(self.remark());
             if self.beside_kink {
-                page.line(KINK);
+                page.paragraph(KINK);
             }
         }
         if let Some(line) = self.gradient_line() {
-            page.line(&line);
+            page.paragraph(&line);
         }
         for remark in &self.left_out {
             page.line(format!("  left out: {remark}"));

@@ -465,7 +465,8 @@ fn what_a_policy_does_not_know_is_refused_and_what_training_alone_wants_is_left_
             exits(0, folder, &[&["rollout", "Hover", "--envs", "8", "--no-plots", "--json"][..], more].concat());
         serde_json::from_str::<Value>(&told).unwrap()["evaluation"].clone()
     };
-    assert_eq!(flown(&["--config", "full.toml", "--seed", "0"]), flown(&["--seed", "0"]));
+    let weight = ["--set", "throttle_change=3"]; // the recipe's, a part of the reward
+    assert_eq!(flown(&["--config", "full.toml", "--seed", "0"]), flown(&[&weight[..], &["--seed", "0"]].concat()));
 }
 
 #[test]
@@ -502,7 +503,7 @@ fn tasks_are_trained_together_and_a_table_that_was_stopped_goes_on() {
     let tasks = told["tasks"].as_array().expect("tasks");
     let named: Vec<_> = tasks.iter().map(|t| (t["task"].as_str(), t["algorithm"].as_str())).collect();
     let by = |task, algorithm| (Some(task), Some(algorithm));
-    let hover = ["apg", "ppo", "sac", "td3", "dqn", "qmix"].map(|algorithm| by("Hover", algorithm));
+    let hover = ["apg", "shac", "ppo", "sac", "td3", "dqn", "qmix"].map(|algorithm| by("Hover", algorithm));
     assert_eq!(named, [&hover[..], &[by("Track", "apg"), by("Track", "ppo")]].concat());
     for task in tasks {
         assert_eq!(task["runs"].as_array().map(Vec::len), Some(2), "{task}");
