@@ -266,6 +266,9 @@ impl Search {
     }
 }
 
+/// Most candidates of a search that its folder tells.
+const MAX_CANDIDATES: usize = 1000;
+
 /// A run of a search that failed: its candidate, its seed, and why.
 pub type Failure = (usize, u64, String);
 
@@ -276,6 +279,10 @@ pub type Failure = (usize, u64, String);
 pub fn told(folder: &Path) -> Result<(Search, Vec<Trial>, Vec<Failure>)> {
     let path = folder.join(FILE);
     let known = read(&path)?;
+    if known.candidates.len() > MAX_CANDIDATES {
+        let rule = format!("there are {}, over the limit of {MAX_CANDIDATES}", known.candidates.len());
+        return Err(damaged(&path, "candidates", rule));
+    }
     let candidate = |k: usize| {
         let name = format!("c{k}");
         let Some(text) = known.candidates.get(&name) else {
@@ -415,6 +422,7 @@ mod tests {
             ("/candidates", json!({ "a": sound["candidates"]["c0"], "b": sound["candidates"]["c1"] }), "not called c0"),
             ("/candidates/c1", json!("task = 'Nothing'"), "Nothing"),
             ("/candidates/c1", json!("["), "candidate c1"),
+            ("/candidates", (0..1001).map(|k| (format!("c{k}"), json!("["))).collect(), "over the limit of 1000"),
         ];
         for (place, value, words) in forged {
             let mut own_file = sound.clone();

@@ -36,7 +36,7 @@ pub fn success(spec: &Spec) -> String {
 fn activity(e: &Evaluation, dt: f64) -> String {
     let Some(Activity { last_second, fast, .. }) = e.activity else { return String::new() };
     let (last, fast) = (short(last_second, 3), percent(fast));
-    format!("per step of a rotor; {last} in the last second; {fast} of its power above {} Hz", short(0.25 / dt, 3))
+    format!("per step; {last} in the last second; {fast} of its power above {} Hz", short(0.25 / dt, 3))
 }
 
 /// What flew, and how well.

@@ -95,7 +95,12 @@ const MARK: &str = ".omnidrones";
 
 /// Whether what is in a folder came from a command: it bears the mark, or is a run that the library wrote.
 fn is_ours(folder: &Path) -> bool {
-    folder.join(MARK).is_file() || folder.join("config.toml").is_file() && has_checkpoints(folder)
+    is_marked(folder) || folder.join("config.toml").is_file() && has_checkpoints(folder)
+}
+
+/// Whether a command made the folder: no name in it is a user's.
+fn is_marked(folder: &Path) -> bool {
+    folder.join(MARK).is_file()
 }
 
 /// Whether a folder holds checkpoints of ours, rather than a folder of that name.
@@ -124,8 +129,12 @@ pub fn prepare(folder: &Path, force: bool) -> Result<()> {
     let (left_over, others): (Vec<_>, Vec<_>) = entries.into_iter().partition(is_left_over);
     left_over.iter().for_each(remove_old);
     let first = others.into_iter().next();
+    let whole = first.is_none() || is_marked(folder);
     let Some(first) = first.filter(|_| !is_ours(folder)) else {
         make_folder(folder)?;
+        if !whole {
+            return Ok(()); // a run between a user's files, or one that the library wrote
+        }
         return replace(&folder.join(MARK), b"Output of omnidrones: commands replace what they wrote here.\n");
     };
     if force {
@@ -139,9 +148,10 @@ pub fn prepare(folder: &Path, force: bool) -> Result<()> {
     ))
 }
 
-/// Files of a run beside its checkpoints, and pages of what it flew.
-const OF_RUN: [&str; 7] =
-    ["config.toml", "log.jsonl", "curve.csv", "result.json", "events.out.tfevents.omnidrones", REPLAY, "report.html"];
+/// Files of a run beside its checkpoints.
+const OF_RUN: [&str; 5] = ["config.toml", "log.jsonl", "curve.csv", "result.json", "events.out.tfevents.omnidrones"];
+/// Pages of what it flew, which go from a folder of ours alone: in one of the user's they may be anybody's.
+const PAGES: [&str; 2] = [REPLAY, "report.html"];
 
 /// Removes what a run keeps in its folder, so that another begins there; refused while a process writes to it. Links are not
 /// followed, and what is of others stays: where it stands in the way nothing is removed.
@@ -155,7 +165,8 @@ pub fn remove_run(folder: &Path) -> Result<()> {
     if has_checkpoints(&earlier) {
         remove_run(&earlier)?;
     }
-    for name in OF_RUN {
+    let pages = if is_marked(folder) { &PAGES[..] } else { &[] };
+    for name in OF_RUN.iter().chain(pages) {
         let path = folder.join(name);
         match std::fs::remove_file(&path) {
             Err(error) if error.kind() != ErrorKind::NotFound => return Err(Error::file(path, error)),
@@ -178,7 +189,7 @@ pub const REPLAY: &str = "replay.html";
 
 /// Removes files of such names that an earlier command wrote into a folder of ours, but for those of this one.
 pub fn remove_stale(folder: &Path, written: &[PathBuf], is_stale: &dyn Fn(&str) -> bool) -> Result<()> {
-    if !is_ours(folder) {
+    if !is_marked(folder) {
         return Ok(());
     }
     for entry in std::fs::read_dir(folder).map_err(|e| Error::file(folder, e))?.flatten() {

@@ -51,6 +51,21 @@ fn all(folder: &Path) -> Vec<(String, Vec<u8>)> {
     found
 }
 
+#[test]
+fn a_forced_training_in_a_folder_of_others_takes_no_page_of_theirs() {
+    let folder = temporary();
+    let (folder, mine) = (folder.path(), folder.path().join("mine"));
+    fs::create_dir(&mine).unwrap();
+    let names = ["report.html", "replay.html", "notes.md"];
+    names.iter().for_each(|name| fs::write(mine.join(name), "mine").unwrap());
+    for updates in ["1", "2"] {
+        train(0, folder, "mine", &["--updates", updates, "--force"]);
+        for name in names {
+            assert_eq!(fs::read_to_string(mine.join(name)).unwrap(), "mine", "{name}");
+        }
+    }
+}
+
 #[cfg(unix)]
 #[test]
 fn a_forced_training_follows_no_link_and_leaves_what_is_of_others() {
