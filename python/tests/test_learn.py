@@ -100,7 +100,7 @@ def test_the_librarys_controller_flies_a_batch():
 
 
 def test_recipes_name_the_algorithms_of_a_task():
-    assert omnidrones.recipes("hover") == ["apg", "ppo", "sac", "td3", "dqn", "qmix"]
+    assert omnidrones.recipes("hover") == ["apg", "shac", "ppo", "sac", "td3", "dqn", "qmix"]
     with pytest.raises(ValueError, match="Hover"):
         omnidrones.recipes("Hovr")
 
