@@ -324,6 +324,11 @@ impl Trainer {
         self.files.as_ref().map_or(&[], |files| &files.skipped)
     }
 
+    /// Folders of old checkpoints that were to be removed and stay, since files of others are in them.
+    pub fn spared(&self) -> impl Iterator<Item = &Path> {
+        self.files.iter().flat_map(|files| files.writer.spared())
+    }
+
     /// What sets a run that goes on apart from one that was never stopped: on a processor of another kind sums are rounded
     /// elsewhere, and the bits are others.
     pub fn differs(&self) -> Option<String> {
@@ -564,7 +569,7 @@ impl Trainer {
 }
 
 /// Whether a folder holds a run.
-fn is_run(folder: &Path) -> bool {
+pub(super) fn is_run(folder: &Path) -> bool {
     let begun = |name: &str| folder.join(name).metadata().is_ok_and(|m| m.len() > 0);
     begun(super::log::JSON) || Store::open(folder).and_then(|s| s.updates()).is_ok_and(|u| !u.is_empty())
 }
