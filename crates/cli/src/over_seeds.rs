@@ -130,14 +130,10 @@ pub fn best_run(folder: &Path) -> Option<PathBuf> {
     Some(folder.join(&search.candidates[winner].0).join(format!("s{seed}")))
 }
 
-/// The best candidate so far: on the last rung that was reached.
+/// The best candidate so far: on the last rung that was reached. One of which no run was trained is none.
 pub fn best(trials: &[Trial]) -> Option<usize> {
-    let key = |trial: &&Trial| (trial.rung, trial.mean());
-    let best = trials.iter().max_by(|a, b| {
-        let ((i, x), (j, y)) = (key(a), key(b));
-        i.cmp(&j).then(x[0].total_cmp(&y[0])).then(x[1].total_cmp(&y[1])).then(b.candidate.cmp(&a.candidate))
-    });
-    best.map(|trial| trial.candidate)
+    let best = trials.iter().max_by(|a, b| a.rung.cmp(&b.rung).then(a.compare(b)).then(b.candidate.cmp(&a.candidate)));
+    best.filter(|trial| trial.is_trained()).map(|trial| trial.candidate)
 }
 
 /// All of it, for programs.
