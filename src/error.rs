@@ -46,7 +46,7 @@ pub enum Error {
         known: Vec<String>,
     },
     /// A file that could not be read or written.
-    #[error("{}: {source}", .path.display())]
+    #[error("{}: {source}", middle(&.path.to_string_lossy()))]
     File {
         /// The file.
         path: PathBuf,
@@ -67,7 +67,8 @@ pub enum Error {
     },
     /// A folder that holds no trained policy.
     #[error(
-        "run is '{}', {lacks}, but it must be the folder of a run or of one of its checkpoints. {remedy}", .path.display()
+        "run is '{}', {lacks}, but it must be the folder of a run or of one of its checkpoints. {remedy}",
+        middle(&.path.to_string_lossy())
     )]
     NoRun {
         /// The folder as given.
@@ -299,6 +300,7 @@ mod tests {
                 Error::limit(&text, &text, &text, "Mend it."),
                 format(&text, &text, &text),
                 format("a.toml", "mass", &format!("{text}.")),
+                Error::NoRun { path: text.clone().into(), lacks: "which lacks all", remedy: "Mend it.".into() },
             ];
             for error in all {
                 let told = error.to_string();
