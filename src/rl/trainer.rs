@@ -241,7 +241,7 @@ impl Trainer {
         let text = self.config.to_toml()?;
         write_text(&folder.join("config.toml"), &text)?;
         let (log, lines) = Log::open(folder, self.update, self.config.tensorboard)?;
-        self.curve = lines.into_iter().collect();
+        self.curve = lines;
         let saved = (self.update > 0).then_some(self.update);
         let last = (Instant::now(), Duration::ZERO);
         self.files = Some(Files { folder: folder.to_path_buf(), log, writer, saved, skipped, last });
