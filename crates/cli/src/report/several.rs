@@ -28,10 +28,11 @@ pub(super) fn tell(page: &mut Page, folder: &Path, kind: &Kind, telling: &Tellin
     }
 }
 
+const REMEDY: &str = "It is written by 'omnidrones train': make it anew.";
+
 /// What a file of a folder says.
 fn read<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T> {
-    let remedy = "It is written by 'omnidrones train': make it anew.";
-    internals::of_json(files::read_text(path, over_seeds::MAX_JSON)?.as_bytes(), &path.display().to_string(), remedy)
+    internals::of_json(files::read_text(path, over_seeds::MAX_JSON)?.as_bytes(), &path.display().to_string(), REMEDY)
 }
 
 /// What `train --seeds` keeps of its runs.
@@ -44,7 +45,16 @@ struct Seeds {
 }
 
 fn seeds(page: &mut Page, folder: &Path, telling: &Telling) -> Result<()> {
-    let told: Seeds = read(&folder.join("seeds.json"))?;
+    let path = folder.join("seeds.json");
+    let told: Seeds = read(&path)?;
+    if let Some(rule) = over_seeds::fault(&told.runs) {
+        return Err(Error::Format {
+            file: path.display().to_string(),
+            place: "runs".into(),
+            rule,
+            remedy: REMEDY.into(),
+        });
+    }
     let entry = registry::by_name(&told.task)?;
     let own = |seed: u64| folder.join(format!("s{seed}"));
     page.heading(&format!("{}: {}, {}", told.task, told.algorithm, counted(told.runs.len(), "seed")));

@@ -99,7 +99,10 @@ fn runs_of_which_no_search_tells_are_refused_replaced_by_force_and_never_a_winne
     let (page, _) = exits(0, folder, &["report", "bad"]);
     assert!(page.contains("report.html"), "{page}");
     let page = fs::read_to_string(folder.join("bad/report.html")).unwrap();
-    assert!(page.contains("No candidate could be trained") && page.contains("A search over 2 candidates, 1 seed"), "{page}");
+    assert!(
+        page.contains("No candidate could be trained") && page.contains("A search over 2 candidates, 1 seed"),
+        "{page}"
+    );
 }
 
 #[cfg(unix)]
