@@ -12,7 +12,7 @@ pub type Result<T> = std::result::Result<T, Error>;
 #[non_exhaustive]
 pub enum Error {
     /// A value that is not finite, not physical or outside its range.
-    #[error("{what} is {value}, but it must be {limit}. {remedy}")]
+    #[error("{} is {}, but it must be {}. {remedy}", middle(.what), middle(.value), clause(.limit))]
     Value {
         /// The quantity, with its place: `rotor 2: thrust_coefficient`.
         what: String,
@@ -24,7 +24,7 @@ pub enum Error {
         remedy: String,
     },
     /// A request beyond a fence set before the work starts.
-    #[error("{what} is {value}, {} the limit of {limit}. {remedy}", side(.value, .limit))]
+    #[error("{} is {}, {} the limit of {}. {remedy}", middle(.what), middle(.value), side(.value, .limit), clause(.limit))]
     Limit {
         /// The quantity.
         what: String,
@@ -46,7 +46,7 @@ pub enum Error {
         known: Vec<String>,
     },
     /// A file that could not be read or written.
-    #[error("{}: {source}", .path.display())]
+    #[error("{}: {source}", middle(&.path.to_string_lossy()))]
     File {
         /// The file.
         path: PathBuf,
@@ -54,7 +54,7 @@ pub enum Error {
         source: std::io::Error,
     },
     /// A file whose text breaks a rule of its format.
-    #[error("{file}: {place}: {rule}. {remedy}")]
+    #[error("{}: {}: {}. {remedy}", middle(.file), middle(.place), clause(.rule))]
     Format {
         /// The file, or `<text>` where the text came from memory.
         file: String,
@@ -67,7 +67,8 @@ pub enum Error {
     },
     /// A folder that holds no trained policy.
     #[error(
-        "run is '{}', {lacks}, but it must be the folder of a run or of one of its checkpoints. {remedy}", .path.display()
+        "run is '{}', {lacks}, but it must be the folder of a run or of one of its checkpoints. {remedy}",
+        middle(&.path.to_string_lossy())
     )]
     NoRun {
         /// The folder as given.
@@ -196,6 +197,25 @@ fn cut(name: &str) -> String {
     }
 }
 
+/// Most letters of a part of a message that may hold what a file or an option says: the remedy stands behind it.
+const LONGEST_PART: usize = 600;
+
+/// The beginning and the end of a text that is endless.
+pub(crate) fn middle(text: &str) -> String {
+    let n = text.chars().count();
+    if n <= LONGEST_PART {
+        return text.into();
+    }
+    let half = LONGEST_PART / 2;
+    let (begin, end): (String, String) = (text.chars().take(half).collect(), text.chars().skip(n - half).collect());
+    format!("{begin} … {end}")
+}
+
+/// A part of a message that the message ends with a stop, which it may bring along.
+fn clause(text: &str) -> String {
+    middle(text.strip_suffix('.').unwrap_or(text))
+}
+
 /// A number of hundreds of digits in scientific notation; any other text as it is.
 fn short(text: String) -> String {
     match text.parse::<f64>() {
@@ -264,6 +284,31 @@ mod tests {
             text,
             "no vehicle is called 'humingbird' (did you mean 'hummingbird'?). Known: hummingbird, firefly"
         );
+    }
+
+    #[test]
+    fn a_remedy_stays_behind_what_is_endless_and_no_stop_is_doubled() {
+        for n in [1, 600, 601, 5000, 1_000_000] {
+            let text = "é".repeat(n);
+            let format = |file: &str, place: &str, rule: &str| {
+                let (file, place, rule) = (file.into(), place.into(), rule.into());
+                Error::Format { file, place, rule, remedy: "Mend it.".into() }
+            };
+            let all = [
+                Error::value("mass", &text, "> 0.", "Mend it."),
+                Error::value(&text, 1, &text, "Mend it."),
+                Error::limit(&text, &text, &text, "Mend it."),
+                format(&text, &text, &text),
+                format("a.toml", "mass", &format!("{text}.")),
+                Error::NoRun { path: text.clone().into(), lacks: "which lacks all", remedy: "Mend it.".into() },
+            ];
+            for error in all {
+                let told = error.to_string();
+                assert!(told.ends_with(". Mend it.") && !told.contains(".. "), "{n}: {told}");
+                assert!(told.chars().count() < 2000, "{n}: {}", told.chars().count());
+            }
+        }
+        assert_eq!(middle("short"), "short");
     }
 
     #[test]

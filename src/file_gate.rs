@@ -113,13 +113,52 @@ pub(crate) fn read_own(path: &Path, limit: u64) -> Result<Vec<u8>> {
     }
 }
 
-/// A file of ours, made if it is not there, for lines at its end.
+/// What a file is, whatever it is called: two names of one have the same.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+pub(crate) enum Identity {
+    /// Device and number there.
+    Number(u64, u64),
+    /// Where the system has no such numbers, or there is no file.
+    Name(PathBuf),
+}
+
+/// See [`Identity`]. A link is what it leads to.
+pub(crate) fn identity(path: &Path) -> Identity {
+    #[cfg(unix)]
+    if let Ok(about) = std::fs::metadata(path) {
+        use std::os::unix::fs::MetadataExt;
+        return Identity::Number(about.dev(), about.ino());
+    }
+    Identity::Name(path.canonicalize().unwrap_or_else(|_| path.to_path_buf()))
+}
+
+/// A file of ours, made if it is not there, for lines at its end. One that has other names too is copied first: what stands under
+/// those stays as it is.
 ///
 /// # Errors
 /// [`Error::File`] if the disk refuses, [`Error::Value`] for a link or a device.
 pub(crate) fn append(path: &Path) -> Result<File> {
     own(path)?;
-    OpenOptions::new().create(true).append(true).open(path).map_err(|e| Error::file(path, e))
+    let refused = |e| Error::file(path, e);
+    let open = || OpenOptions::new().create(true).append(true).open(path).map_err(refused);
+    let file = open()?;
+    if names(&file.metadata().map_err(refused)?) < 2 {
+        return Ok(file);
+    }
+    let (mut from, _) = self::open(path)?;
+    replace_with(path, |copy| std::io::copy(&mut from, copy).map(drop).map_err(refused))?;
+    open()
+}
+
+/// How many names a file has, as far as the system tells.
+fn names(about: &Metadata) -> u64 {
+    #[cfg(unix)]
+    return std::os::unix::fs::MetadataExt::nlink(about);
+    #[cfg(not(unix))]
+    {
+        let _ = about;
+        1
+    }
 }
 
 /// Bytes that are left for this user where `folder` is or will be; `None` where the system does not tell.
@@ -273,6 +312,27 @@ mod tests {
             }
             replace(&path, "ours").unwrap();
             assert_eq!(std::fs::read_to_string(&foreign).unwrap(), "theirs");
+        }
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn what_is_added_to_a_file_does_not_reach_its_other_names() {
+        let folder = tempfile::tempdir().unwrap();
+        for (k, text) in ["", "old\n", "old\nolder\n"].into_iter().enumerate() {
+            for n in 0..3 {
+                let own = folder.path().join(format!("own{k}{n}"));
+                std::fs::write(&own, text).unwrap();
+                let others: Vec<_> = (0..n).map(|i| folder.path().join(format!("other{k}{n}{i}"))).collect();
+                others.iter().for_each(|other| std::fs::hard_link(&own, other).unwrap());
+                for line in ["a\n", "b\n"] {
+                    append(&own).unwrap().write_all(line.as_bytes()).unwrap();
+                }
+                assert_eq!(std::fs::read_to_string(&own).unwrap(), format!("{text}a\nb\n"));
+                others.iter().for_each(|other| assert_eq!(std::fs::read_to_string(other).unwrap(), text));
+                assert!(n == 0 || identity(&own) != identity(&others[0]));
+                assert!(n < 2 || identity(&others[0]) == identity(&others[1]));
+            }
         }
     }
 

@@ -1,9 +1,36 @@
 //! Names out of files of anybody, where people and other programs read them.
 
-/// Whether a character steers a terminal, ends a line, or turns the order of letters around (Unicode Standard Annex 9).
+/// Whether a character steers a terminal, ends a line, turns the order of letters around (Unicode Standard Annex 9), or stands there
+/// unseen, so that two names look alike.
 pub fn steers(c: char) -> bool {
-    let turns = matches!(c, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
-    c.is_control() || turns || matches!(c, '\u{2028}' | '\u{2029}')
+    c.is_control() || is_format(c) || matches!(c, '\u{2028}' | '\u{2029}')
+}
+
+/// General category Cf of Unicode 16.0, and what is reserved between its characters.
+fn is_format(c: char) -> bool {
+    matches!(
+        c,
+        '\u{ad}'
+            | '\u{600}'..='\u{605}'
+            | '\u{61c}'
+            | '\u{6dd}'
+            | '\u{70f}'
+            | '\u{890}'..='\u{891}'
+            | '\u{8e2}'
+            | '\u{180e}'
+            | '\u{200b}'..='\u{200f}'
+            | '\u{202a}'..='\u{202e}'
+            | '\u{2060}'..='\u{206f}'
+            | '\u{feff}'
+            | '\u{fff9}'..='\u{fffb}'
+            | '\u{110bd}'
+            | '\u{110cd}'
+            | '\u{13430}'..='\u{1343f}'
+            | '\u{1bca0}'..='\u{1bca3}'
+            | '\u{1d173}'..='\u{1d17a}'
+            | '\u{e0001}'
+            | '\u{e0020}'..='\u{e007f}'
+    )
 }
 
 /// A name as a cell of a table that a spreadsheet may open: one that would be taken for a formula gets an apostrophe in front
@@ -23,6 +50,35 @@ pub fn quoted_cell(name: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn no_character_that_is_unseen_is_shown_and_letters_are() {
+        let ends = [
+            [0xad, 0xad],
+            [0x600, 0x605],
+            [0x61c, 0x61c],
+            [0x180e, 0x180e],
+            [0x200b, 0x200f],
+            [0x202a, 0x202e],
+            [0x2060, 0x2064],
+            [0x2066, 0x206f],
+            [0xfeff, 0xfeff],
+            [0xfff9, 0xfffb],
+            [0x13430, 0x1343f],
+            [0xe0001, 0xe0001],
+            [0xe0020, 0xe007f],
+            [0, 0x1f],
+            [0x7f, 0x9f],
+            [0x2028, 0x2029],
+        ];
+        for c in ends.iter().flat_map(|[a, b]| *a..=*b).filter_map(char::from_u32) {
+            assert_eq!(cell(&format!("a{c}b")), if c == '\t' { "a\tb" } else { "a·b" }, "{:x}", u32::from(c));
+        }
+        let seen = [
+            'a', 'é', 'ß', '中', '→', '°', ' ', '\u{a0}', '\u{ac}', '\u{ae}', '\u{200a}', '\u{2010}', '\u{fffc}', '🚁',
+        ];
+        seen.iter().for_each(|c| assert!(!steers(*c), "{:x}", u32::from(*c)));
+    }
 
     #[test]
     fn no_name_is_a_formula_and_no_number_changes() {

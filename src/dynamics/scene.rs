@@ -333,7 +333,8 @@ impl Scene {
     }
 }
 
-fn unique<'a>(kind: &str, names: impl Iterator<Item = &'a str>) -> Result<()> {
+/// Refuses a name that stands there twice.
+pub(crate) fn unique<'a>(kind: &str, names: impl Iterator<Item = &'a str>) -> Result<()> {
     let mut seen = HashSet::new();
     for name in names {
         if !seen.insert(name) {

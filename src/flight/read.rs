@@ -3,6 +3,7 @@
 use super::{Commanded, FlightLog, FlightSample};
 use crate::error::{Error, Result};
 use crate::file_gate;
+use std::collections::HashMap;
 use std::path::Path;
 
 /// Largest file of a flight, bytes: half a million steps.
@@ -28,8 +29,10 @@ impl FlightLog {
         }
         let mut log = Self::like(&header);
         let names = log.csv_header();
+        // of two of one name the first counts
+        let known: HashMap<&str, usize> = header.iter().enumerate().rev().map(|(k, name)| (name.as_str(), k)).collect();
         let places = names.iter().map(|name| {
-            let place = header.iter().position(|own| own == name);
+            let place = known.get(name.as_str()).copied();
             place.ok_or_else(|| unlike(path, "line 1".into(), format!("has no column '{name}'")))
         });
         let places: Vec<usize> = places.collect::<Result<_>>()?;
@@ -141,4 +144,32 @@ fn unlike_columns(path: &Path, separator: &str) -> Error {
 fn unlike(path: &Path, place: String, rule: String) -> Error {
     let remedy = "Give the flight.csv of a flight: omnidrones fly --csv writes it.".into();
     Error::Format { file: path.display().to_string(), place, rule, remedy }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_header_of_endless_columns_is_refused_at_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("flight.csv");
+        for (n, last) in [(1, "rotor_speed_7"), (50_000, "x"), (50_000, "time")] {
+            let rotors: Vec<String> = (0..n).map(|k| format!("rotor_speed_{k}")).collect();
+            std::fs::write(&path, format!("{},{last}\n1,2\n", rotors.join(","))).unwrap();
+            let begun = std::time::Instant::now();
+            let text = FlightLog::read_csv(&path).unwrap_err().to_string();
+            assert!(text.contains("line 1: has no column '"), "{text}");
+            assert!(begun.elapsed().as_secs() < 20, "{n}: {:?}", begun.elapsed());
+        }
+        // of all the columns of a flight but the last, every one is looked for
+        let n = 50_000;
+        let mut names = FlightLog::new("", &vec![1.0; n]).csv_header();
+        names.pop();
+        names.reverse();
+        std::fs::write(&path, names.join(",") + "\n").unwrap();
+        let begun = std::time::Instant::now();
+        assert!(FlightLog::read_csv(&path).unwrap_err().to_string().contains("has no column"));
+        assert!(begun.elapsed().as_secs() < 20, "{:?}", begun.elapsed());
+    }
 }

@@ -161,14 +161,13 @@ impl Log {
     ///
     /// # Errors
     /// [`Error::File`] if they cannot be read or written.
-    pub fn open(folder: &Path, update: u64, tensorboard: bool) -> Result<(Self, Vec<Line>)> {
+    pub fn open(folder: &Path, update: u64, tensorboard: bool) -> Result<(Self, Curve)> {
         let (json, csv) = (folder.join(JSON), folder.join(CSV));
         let of_json = |line: &str| serde_json::from_str::<serde_json::Value>(line).ok()?["update"].as_u64();
         let of_csv = |line: &str| line.split(',').next()?.parse::<u64>().ok();
         cut(&json, 0, |line| of_json(line).is_some_and(|u| u <= update))?;
-        let mut rows = cut(&csv, 1, |line| of_csv(line).is_some_and(|u| u <= update))?.into_iter();
-        let names: Vec<String> = rows.next().map_or_else(Vec::new, |head| head.split(',').map(String::from).collect());
-        let lines = rows.map(|row| Line::of_cells(&names, &row)).collect();
+        let table = cut(&csv, 1, |line| of_csv(line).is_some_and(|u| u <= update))?;
+        let (names, lines) = rows(&table, &csv)?;
         let events = tensorboard.then(|| Events::open(folder, update)).transpose()?;
         Ok((
             Self { json: (file_gate::append(&json)?, json), csv: (file_gate::append(&csv)?, csv), names, events },
@@ -208,31 +207,45 @@ fn write((file, path): &mut (File, PathBuf), text: &str) -> Result<()> {
 }
 
 /// Leaves the first `head` lines and those behind them as long as they are whole and `keep` them; gives what is left.
-fn cut(path: &Path, head: usize, keep: impl Fn(&str) -> bool) -> Result<Vec<String>> {
+fn cut(path: &Path, head: usize, keep: impl Fn(&str) -> bool) -> Result<String> {
     let bytes = file_gate::read_own(path, file_gate::MAX_LOG)?;
-    let text = String::from_utf8_lossy(&bytes);
+    let mut text = String::from_utf8_lossy(&bytes).into_owned();
     let whole = text.split_inclusive('\n').map_while(|line| line.strip_suffix('\n')).enumerate();
-    let kept: Vec<String> =
-        whole.take_while(|(i, line)| *i < head || keep(line)).map(|(_, line)| line.to_string()).collect();
+    let kept = whole.take_while(|(i, line)| *i < head || keep(line));
+    let (n, length) = kept.fold((0, 0), |(n, length), (_, line)| (n + 1, length + line.len() + 1));
     // a head alone would fix the columns before the first line does
-    let kept = if kept.len() <= head { Vec::new() } else { kept };
-    let left: String = kept.iter().flat_map(|line| [line.as_str(), "\n"]).collect();
-    if left.as_bytes() != bytes {
-        file_gate::replace(path, &left)?;
+    text.truncate(if n <= head { 0 } else { length });
+    if text.as_bytes() != bytes {
+        file_gate::replace(path, &text)?;
     }
-    Ok(kept)
+    Ok(text)
 }
 
-/// The lines of a run.
+/// Most columns of a table that is read.
+const MAX_COLUMNS: usize = 1000;
+
+/// The columns of a table, and of its whole lines as many as a [`Curve`] keeps.
+fn rows(text: &str, path: &Path) -> Result<(Vec<String>, Curve)> {
+    let mut lines = text.split_inclusive('\n').map_while(|line| line.strip_suffix('\n'));
+    let names = lines.next().map_or_else(Vec::new, |head| head.split(',').take(MAX_COLUMNS + 1).collect());
+    if names.len() > MAX_COLUMNS {
+        let what = format!("{}: number of columns", path.display());
+        return Err(Error::limit(what, "more", MAX_COLUMNS, "It is no curve of a run: move it elsewhere."));
+    }
+    let names: Vec<String> = names.into_iter().map(String::from).collect();
+    let curve = lines.map(|row| Line::of_cells(&names, row)).collect();
+    Ok((names, curve))
+}
+
+/// The lines of a run: all, or of more than [`CURVE`] evenly spaced ones and the newest.
 ///
 /// # Errors
-/// [`Error::File`] if there is no such table in the folder.
+/// [`Error::File`] if there is no such table in the folder, [`Error::Limit`] for one of more than 1 GiB or a thousand columns.
 pub fn read(run: impl AsRef<Path>) -> Result<Vec<Line>> {
     let path = run.as_ref().join(CSV);
     let text = file_gate::read_text(&path, file_gate::MAX_LOG)?;
-    let mut rows = text.split_inclusive('\n').map_while(|line| line.strip_suffix('\n'));
-    let names: Vec<String> = rows.next().map_or_else(Vec::new, |head| head.split(',').map(String::from).collect());
-    Ok(rows.map(|row| Line::of_cells(&names, row)).collect())
+    let (_, curve) = rows(&text, &path)?;
+    Ok(curve.lines)
 }
 
 #[cfg(test)]
@@ -245,6 +258,33 @@ mod tests {
         line.put("poisoned", f64::NAN);
         line.put("rate", 1e-7);
         line
+    }
+
+    #[test]
+    fn a_forged_table_costs_no_memory_and_one_of_endless_columns_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let write = |text: &str| std::fs::write(folder.path().join(CSV), text).unwrap();
+        let table = |columns: usize, lines: usize| {
+            let head = (1..columns).map(|k| format!(",c{k}")).collect::<String>();
+            let row = |k: usize| format!("{k}{}\n", ",0.5".repeat(columns - 1));
+            format!("update{head}\n{}", (1..=lines).map(row).collect::<String>())
+        };
+        for (columns, lines) in [(1, 0), (1, 20_000), (3, CURVE), (MAX_COLUMNS, 2)] {
+            write(&table(columns, lines));
+            let all = read(folder.path()).unwrap();
+            assert_eq!((all.len() == lines, all.len() <= CURVE), (lines <= CURVE, true), "{columns} {lines}");
+            assert!(all.last().is_none_or(|last| last.get("update") == Some(lines as f64)));
+            let (_, curve) = Log::open(folder.path(), u64::MAX, false).unwrap();
+            assert_eq!(curve.lines(), all);
+        }
+        for columns in [MAX_COLUMNS + 1, 300_000] {
+            write(&table(columns, 1));
+            let refused = [read(folder.path()).map(drop), Log::open(folder.path(), u64::MAX, false).map(drop)];
+            for refused in refused {
+                let text = refused.unwrap_err().to_string();
+                assert!(text.contains("number of columns is more, over the limit of 1000"), "{text}");
+            }
+        }
     }
 
     #[test]
@@ -286,7 +326,7 @@ mod tests {
     fn both_files_hold_the_same_texts_and_give_the_lines_back() {
         let folder = tempfile::tempdir().unwrap();
         let (mut log, kept) = Log::open(folder.path(), u64::MAX, true).unwrap();
-        assert!(kept.is_empty());
+        assert!(kept.lines().is_empty());
         (1..4).for_each(|k| log.write(&line(k)).unwrap());
         log.sync().unwrap();
         let json = std::fs::read_to_string(folder.path().join(JSON)).unwrap();
@@ -308,15 +348,15 @@ mod tests {
             file_gate::append(&folder.path().join(file)).unwrap().write_all(torn.as_bytes()).unwrap();
         }
         let (mut log, kept) = Log::open(folder.path(), 3, true).unwrap();
-        assert_eq!(kept.iter().map(|l| l.get("update")).collect::<Vec<_>>(), [1.0, 2.0, 3.0].map(Some));
+        assert_eq!(kept.lines().iter().map(|l| l.get("update")).collect::<Vec<_>>(), [1.0, 2.0, 3.0].map(Some));
         log.write(&line(4)).unwrap();
         drop(log);
         let (_, kept) = Log::open(folder.path(), 9, true).unwrap();
-        assert_eq!(kept.len(), 4);
+        assert_eq!(kept.lines().len(), 4);
         let json = std::fs::read_to_string(folder.path().join(JSON)).unwrap();
         assert_eq!(json.lines().count(), 4);
         let (_, kept) = Log::open(folder.path(), 0, true).unwrap();
-        assert!(kept.is_empty() && std::fs::read(folder.path().join(CSV)).unwrap().is_empty());
+        assert!(kept.lines().is_empty() && std::fs::read(folder.path().join(CSV)).unwrap().is_empty());
     }
 
     #[test]

@@ -11,12 +11,13 @@
 
 use super::config::TrainConfig;
 use super::runs::{self, Run};
-use super::trainer::{Progress, TrainResult};
+use super::trainer::{Progress, TrainResult, is_run};
 use crate::error::{Error, Result};
 use crate::file_gate;
 use crate::parallel::Threads;
 use crate::reader;
 use serde::{Deserialize, Serialize};
+use std::cmp::Ordering;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -63,6 +64,17 @@ impl Trial {
         let of = |what: fn(&Score) -> f64| self.scores.iter().flatten().map(what).sum::<f64>() / n;
         [of(|score| score.success), of(|score| score.share_of_bound)]
     }
+
+    /// Whether a run of it came to a score.
+    pub fn is_trained(&self) -> bool {
+        self.scores.iter().any(Option::is_some)
+    }
+
+    /// Which did better on a rung: one that was trained, then more success, then a larger share of the bound.
+    pub fn compare(&self, other: &Self) -> Ordering {
+        let ([a, b], [x, y]) = (self.mean(), other.mean());
+        self.is_trained().cmp(&other.is_trained()).then(a.total_cmp(&x)).then(b.total_cmp(&y))
+    }
 }
 
 /// What a search came to.
@@ -107,8 +119,9 @@ impl Search {
     /// Trains, or goes on where a search in `folder` was stopped. `watch` sees every update: candidate, seed, progress.
     ///
     /// # Errors
-    /// [`Error::Value`] for no candidate, no seed, a factor below 2, and a folder with another search; [`Error::File`] if
-    /// the disk refuses. Runs that fail are told in the result.
+    /// [`Error::Value`] for no candidate, no seed, a factor below 2, a folder with another search or with runs of which no search
+    /// tells, and if every run of the last rung failed; [`Error::File`] if the disk refuses. Runs that fail beside others are told
+    /// in the result.
     pub fn run(
         &self,
         folder: &Path,
@@ -135,7 +148,11 @@ impl Search {
             let trials: Vec<&Trial> = known.trials.iter().filter(|trial| trial.rung == rung).collect();
             alive = best(&trials, self.kept(rung, alive.len()));
         }
-        Ok(SearchResult { trials: known.trials, winner: alive[0], failures: known.failures })
+        let told = SearchResult { trials: known.trials, winner: alive[0], failures: known.failures };
+        if !told.trials.iter().any(|trial| trial.rung + 1 == self.rungs() && trial.is_trained()) {
+            return Err(nothing_trained(&told));
+        }
+        Ok(told)
     }
 
     /// That there is something to search.
@@ -202,7 +219,7 @@ impl Search {
         };
         let path = folder.join(FILE);
         if path.symlink_metadata().is_err() {
-            return Ok(own);
+            return self.check_no_run(folder).map(|()| own);
         }
         let known = read(&path)?;
         if (&known.candidates, &known.seeds, known.factor) != (&own.candidates, &own.seeds, own.factor) {
@@ -211,6 +228,17 @@ impl Search {
         }
         self.check(&known, &path)?;
         Ok(known)
+    }
+
+    /// Refuses runs in the places of its own: they are of another search, or of settings that nobody knows.
+    fn check_no_run(&self, folder: &Path) -> Result<()> {
+        let all = self.candidates.iter().flat_map(|(name, _)| self.seeds.iter().map(move |seed| (name, seed)));
+        let mut runs = all.map(|(name, seed)| folder.join(name).join(format!("s{seed}")));
+        let Some(run) = runs.find(|run| is_run(run)) else { return Ok(()) };
+        let value =
+            format!("'{}', where {} is a run already and no {FILE} tells of it", folder.display(), run.display());
+        let remedy = "Replace its runs (--force), or name another folder (--out).";
+        Err(Error::value("folder of the search", value, "new, empty or that of a search", remedy))
     }
 
     /// Checks what a file tells of the rungs of this search.
@@ -319,12 +347,20 @@ fn save(known: &Known, folder: &Path) -> Result<()> {
     file_gate::replace(&path, &text)
 }
 
+/// Every run of the last rung failed.
+fn nothing_trained(told: &SearchResult) -> Error {
+    let why =
+        told.failures.last().map_or(String::new(), |(c, seed, why)| format!("; candidate {c}, seed {seed}: {why}"));
+    let value = format!("none of those on the last rung{why}");
+    let remedy = "Mend what is told there, and search anew (--force).";
+    Error::value("candidates that were trained", value, "one or more", remedy)
+}
+
 /// The `n` best candidates of a rung, in their order.
 fn best(trials: &[&Trial], n: usize) -> Vec<usize> {
     let mut ranked: Vec<&&Trial> = trials.iter().collect();
-    let compare = |a: [f64; 2], b: [f64; 2]| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1]));
     // stable: among equals the first stays first
-    ranked.sort_by(|a, b| compare(b.mean(), a.mean()));
+    ranked.sort_by(|a, b| b.compare(a));
     let mut kept: Vec<usize> = ranked.into_iter().take(n).map(|trial| trial.candidate).collect();
     kept.sort_unstable();
     kept
@@ -365,6 +401,9 @@ mod tests {
             trial(2, &[Some((0.5, 0.4)), Some((0.5, 0.4))]),
             trial(3, &[Some((0.6, 0.1)), Some((0.6, 0.1))]),
         ];
+        // what failed is no better than what was trained badly
+        let bad = [trial(0, &[None, None]), trial(1, &[None, Some((0.0, -9.0))])];
+        assert_eq!(best(&bad.iter().collect::<Vec<_>>(), 1), [1]);
         let all: Vec<&Trial> = all.iter().collect();
         assert_eq!((best(&all, 1), best(&all, 2), best(&all, 3)), (vec![3], vec![1, 3], vec![1, 2, 3]));
     }
@@ -447,6 +486,7 @@ mod tests {
         );
         assert!(told.failures.is_empty());
         // stopped in the middle of a rung: some runs are there, no word of the rung is
+        save(&own.known(&parts).unwrap(), &parts).unwrap();
         let pairs = own.rung(0, &[1, 2], &parts, &Threads::new(1).unwrap(), &|_, _, _| ());
         assert_eq!(pairs.0[..], told.trials[1..3]);
         let again = own.run(&parts, &Threads::new(1).unwrap(), &|_, _, _| ()).unwrap();
@@ -460,5 +500,32 @@ mod tests {
         assert_eq!(kept.policy.parameters(), alone.policy.parameters());
         let other = search(2, 3).run(&parts, &two, &|_, _, _| ()).unwrap_err().to_string();
         assert!(other.contains("of other settings, seeds or factor"), "{other}");
+        // runs of which nothing tells are nobody's
+        std::fs::remove_file(parts.join(FILE)).unwrap();
+        for n in [1, 2, 3] {
+            let refused =
+                search(n, 3).run(&parts, &two, &|_, _, _| panic!("nothing is trained")).unwrap_err().to_string();
+            assert!(refused.contains("is a run already and no search.json tells of it"), "{n}: {refused}");
+        }
+    }
+
+    #[test]
+    fn a_search_whose_every_run_fails_has_no_winner() {
+        for n in [1, 3] {
+            let folder = tempfile::tempdir().unwrap();
+            // a file where each run is to have its folder
+            for k in 0..n {
+                std::fs::create_dir(folder.path().join(format!("c{k}"))).unwrap();
+                [3, 4].iter().for_each(|s| std::fs::write(folder.path().join(format!("c{k}/s{s}")), "").unwrap());
+            }
+            for _ in 0..2 {
+                let told = search(n, 3).run(folder.path(), &Threads::new(1).unwrap(), &|_, _, _| ());
+                let text = told.unwrap_err().to_string();
+                assert!(
+                    text.starts_with("candidates that were trained is none of those") && text.contains("seed 4"),
+                    "{text}"
+                );
+            }
+        }
     }
 }

@@ -241,7 +241,7 @@ impl Trainer {
         let text = self.config.to_toml()?;
         write_text(&folder.join("config.toml"), &text)?;
         let (log, lines) = Log::open(folder, self.update, self.config.tensorboard)?;
-        self.curve = lines.into_iter().collect();
+        self.curve = lines;
         let saved = (self.update > 0).then_some(self.update);
         let last = (Instant::now(), Duration::ZERO);
         self.files = Some(Files { folder: folder.to_path_buf(), log, writer, saved, skipped, last });
@@ -322,6 +322,11 @@ impl Trainer {
     /// Checkpoints that were damaged when the run went on.
     pub fn skipped(&self) -> &[Skipped] {
         self.files.as_ref().map_or(&[], |files| &files.skipped)
+    }
+
+    /// Folders of old checkpoints that were to be removed and stay, since files of others are in them.
+    pub fn spared(&self) -> impl Iterator<Item = &Path> {
+        self.files.iter().flat_map(|files| files.writer.spared())
     }
 
     /// What sets a run that goes on apart from one that was never stopped: on a processor of another kind sums are rounded
@@ -564,7 +569,7 @@ impl Trainer {
 }
 
 /// Whether a folder holds a run.
-fn is_run(folder: &Path) -> bool {
+pub(super) fn is_run(folder: &Path) -> bool {
     let begun = |name: &str| folder.join(name).metadata().is_ok_and(|m| m.len() > 0);
     begun(super::log::JSON) || Store::open(folder).and_then(|s| s.updates()).is_ok_and(|u| !u.is_empty())
 }

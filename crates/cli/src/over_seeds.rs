@@ -8,6 +8,7 @@ use omnidrones::rl::search::{Score, Trial};
 use omnidrones::rl::trainer::TrainResult;
 use omnidrones::tasks::Evaluation;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 
 /// Most points that are kept of a run's curve.
 const CURVE: usize = 64;
@@ -54,6 +55,20 @@ impl Outcome {
         };
         self.curve.iter().map(line).collect()
     }
+}
+
+/// What is wrong with runs as a file tells them.
+pub fn fault(runs: &[Outcome]) -> Option<String> {
+    let mut seeds = BTreeSet::new();
+    if let Some(run) = runs.iter().find(|run| !seeds.insert(run.seed)) {
+        return Some(format!("seed {} stands there twice", run.seed));
+    }
+    let sound = |run: &&Outcome| {
+        let rising = run.curve.windows(2).all(|pair| pair[0].0 < pair[1].0);
+        run.seconds.is_finite() && run.seconds >= 0.0 && rising && run.curve.iter().all(|(_, _, x)| x.is_finite())
+    };
+    let wrong = runs.iter().find(|run| !sound(run))?;
+    Some(format!("seed {}: its time is no number of seconds, or its curve none", wrong.seed))
 }
 
 /// Evaluations of a log: every one, or every so many as leave [`CURVE`], and the last.
@@ -130,14 +145,10 @@ pub fn best_run(folder: &Path) -> Option<PathBuf> {
     Some(folder.join(&search.candidates[winner].0).join(format!("s{seed}")))
 }
 
-/// The best candidate so far: on the last rung that was reached.
+/// The best candidate so far: on the last rung that was reached. One of which no run was trained is none.
 pub fn best(trials: &[Trial]) -> Option<usize> {
-    let key = |trial: &&Trial| (trial.rung, trial.mean());
-    let best = trials.iter().max_by(|a, b| {
-        let ((i, x), (j, y)) = (key(a), key(b));
-        i.cmp(&j).then(x[0].total_cmp(&y[0])).then(x[1].total_cmp(&y[1])).then(b.candidate.cmp(&a.candidate))
-    });
-    best.map(|trial| trial.candidate)
+    let best = trials.iter().max_by(|a, b| a.rung.cmp(&b.rung).then(a.compare(b)).then(b.candidate.cmp(&a.candidate)));
+    best.filter(|trial| trial.is_trained()).map(|trial| trial.candidate)
 }
 
 /// All of it, for programs.
@@ -174,6 +185,29 @@ mod tests {
         let long = of(400);
         assert_eq!((long.len(), long.last()), (50, Some(&(400, 4000, 0.5)))); // 200 evaluations, every 4th
         assert!(of(0).is_empty());
+    }
+
+    #[test]
+    fn seeds_that_stand_there_twice_and_curves_that_are_none_are_faults() {
+        let one = r#"{"seed": 0, "seconds": 1, "env_steps": 1, "updates": 1, "evaluation": {
+            "n_episode": 1, "return_mean": 0, "return_std": 0, "share_of_bound": 0, "terms": [], "success": 0,
+            "success_interval": [0, 0], "success_by_last_error": 0, "crashed": 0, "length": 0, "final_metrics": [],
+            "final_error": 0, "mean_error": 0, "ends": []}}"#;
+        let one: Outcome = serde_json::from_str(one).unwrap();
+        let of = |seed: u64| Outcome { seed, ..one.clone() };
+        assert_eq!(fault(&[]).or(fault(&[of(0), of(u64::MAX), of(3)])), None);
+        for seed in [0, 7, u64::MAX] {
+            let told = fault(&[of(seed), of(1), of(seed)]).unwrap();
+            assert_eq!(told, format!("seed {seed} stands there twice"));
+        }
+        for (seconds, curve) in [
+            (-1.0, vec![]),
+            (f64::NAN, vec![]),
+            (1.0, vec![(2, 2, 0.1), (2, 3, 0.1)]),
+            (1.0, vec![(1, 1, f64::INFINITY)]),
+        ] {
+            assert!(fault(&[of(0), Outcome { seconds, curve, ..of(1) }]).unwrap().starts_with("seed 1: its time"));
+        }
     }
 
     #[test]

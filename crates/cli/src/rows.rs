@@ -1,6 +1,6 @@
 //! Rows of tables of runs: one configuration, several seeds, kept in a file of its own that a later call goes on with.
 
-use super::over_seeds::{Failure, Outcome, split};
+use super::over_seeds::{self, Failure, Outcome, split};
 use super::train_seeds;
 use crate::prelude::*;
 use omnidrones::internals;
@@ -75,16 +75,7 @@ impl Row {
         if self.hash.is_empty() || self.hash.len() > 64 || !self.hash.bytes().all(|b| b.is_ascii_hexdigit()) {
             return Some(("hash", format!("'{}' is no hexadecimal number", self.hash)));
         }
-        let twice = |i: usize| self.runs[..i].iter().any(|run| run.seed == self.runs[i].seed);
-        if let Some(i) = (0..self.runs.len()).find(|i| twice(*i)) {
-            return Some(("runs", format!("seed {} stands there twice", self.runs[i].seed)));
-        }
-        let sound = |run: &&Outcome| {
-            let rising = run.curve.windows(2).all(|pair| pair[0].0 < pair[1].0);
-            run.seconds.is_finite() && run.seconds >= 0.0 && rising && run.curve.iter().all(|(_, _, x)| x.is_finite())
-        };
-        let wrong = self.runs.iter().find(|run| !sound(run))?;
-        Some(("runs", format!("seed {}: its time is no number of seconds, or its curve none", wrong.seed)))
+        over_seeds::fault(&self.runs).map(|rule| ("runs", rule))
     }
 
     /// `dqn, joint`.

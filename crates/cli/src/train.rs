@@ -163,6 +163,9 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let notes = skipped.chain(trainer.differs()).collect();
     let was_over = (trainer.update() > 0 && trainer.is_over()).then(|| (trainer.done(), trainer.budget()));
     let outcome = train(&mut trainer, a.output.json)?;
+    for folder in trainer.spared() {
+        note(&format!("{} is an old checkpoint and stays: it holds files of others", folder.display()));
+    }
     let config = trainer.config().clone();
     let spinner = progress::spinner("flying our controller from the same starts", a.output.json);
     let baseline = if a.no_baseline { None } else { compare(entry, &config, &threads) };

@@ -54,23 +54,15 @@ pub fn run(asked: &Asked<'_>, named: Vec<(String, TrainConfig)>, factor: usize, 
     let mut outputs = asked.output.open(&asked.usual, true)?;
     let folder = outputs.folder.clone();
     let known = folder.join("search.json");
-    if known.exists() && !asked.resume {
-        if !asked.output.force {
+    if !asked.resume {
+        if known.symlink_metadata().is_ok() && !asked.output.force {
             let value = format!("'{}', which holds a search already", folder.display());
             let remedy = "Go on with it (--resume), replace it (--force), or name another folder (--out).";
             return Err(Error::value("folder of the search", value, "new", remedy));
         }
-        let own = |k: usize| folder.join(format!("c{k}"));
-        let runs =
-            || (0..named.len()).flat_map(|k| asked.seeds.iter().map(move |seed| own(k).join(format!("s{seed}"))));
-        // all of them before the first is removed
-        (0..named.len()).try_for_each(|k| internals::own_folder(&own(k)))?;
-        for run in runs() {
-            internals::own_folder(&run)?;
-            files::check_removable(&run)?;
+        if asked.output.force {
+            remove(&folder, named.len(), &asked.seeds)?;
         }
-        std::fs::remove_file(&known).map_err(|e| Error::file(&known, e))?;
-        runs().try_for_each(|run| files::remove_run(&run))?;
     }
     let (names, configs): (Vec<String>, Vec<TrainConfig>) = named.into_iter().unzip();
     let candidates = configs.into_iter().enumerate().map(|(k, config)| (format!("c{k}"), config)).collect();
@@ -99,6 +91,24 @@ pub fn run(asked: &Asked<'_>, named: Vec<(String, TrainConfig)>, factor: usize, 
     ))
 }
 
+/// Removes what a search of so many candidates keeps in its folder, be its own file there or not.
+fn remove(folder: &Path, n: usize, seeds: &[u64]) -> Result<()> {
+    let own = |k: usize| folder.join(format!("c{k}"));
+    let all = || (0..n).flat_map(|k| seeds.iter().map(move |seed| own(k).join(format!("s{seed}"))));
+    // what else bears such a name is no run, and training refuses it
+    let runs = || all().filter(|run| run.join("checkpoints").is_dir());
+    // all of them before the first is removed
+    (0..n).try_for_each(|k| internals::own_folder(&own(k)))?;
+    all().try_for_each(|run| internals::own_folder(&run))?;
+    runs().try_for_each(|run| files::check_removable(&run))?;
+    let known = folder.join("search.json");
+    match std::fs::remove_file(&known) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(Error::file(&known, error)),
+        _ => {}
+    }
+    runs().try_for_each(|run| files::remove_run(&run))
+}
+
 /// Updates of all runs, if the first candidates went on at every rung.
 fn total(search: &Search) -> u64 {
     let mut alive = search.candidates.len();
@@ -118,11 +128,8 @@ fn ranked(told: &SearchResult) -> Vec<&Trial> {
         last.insert(trial.candidate, trial);
     }
     let mut all: Vec<&Trial> = last.into_values().collect();
-    let key = |trial: &Trial| (trial.candidate == told.winner, trial.rung, trial.mean());
-    all.sort_by(|a, b| {
-        let ((a, i, x), (b, j, y)) = (key(a), key(b));
-        b.cmp(&a).then(j.cmp(&i)).then(y[0].total_cmp(&x[0])).then(y[1].total_cmp(&x[1]))
-    });
+    let key = |trial: &Trial| (trial.candidate == told.winner, trial.rung);
+    all.sort_by(|a, b| key(b).cmp(&key(a)).then(b.compare(a)));
     all
 }
 
@@ -147,11 +154,8 @@ pub fn table(told: &SearchResult, names: &[String]) -> Table {
 
 fn page(told: &SearchResult, names: &[String], search: &Search, asked: &Asked<'_>, outputs: &Outputs) -> Page {
     let mut page = Page::new();
-    let (n, seeds) = (names.len(), asked.seeds.len());
-    page.title(
-        asked.entry.name,
-        &format!("{}, {n} candidates, {seeds} seeds, one in {} goes on", asked.algorithm, search.factor),
-    );
+    let (n, seeds) = (counted(names.len(), "candidate"), counted(asked.seeds.len(), "seed"));
+    page.title(asked.entry.name, &format!("{}, {n}, {seeds}, one in {} goes on", asked.algorithm, search.factor));
     page.table(table(told, names));
     page.line(format!("\n{KEY}"));
     let failed = told.failures.iter();

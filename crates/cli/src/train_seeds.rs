@@ -103,7 +103,8 @@ pub fn train(all: &[Run], threads: &Threads, bar: &indicatif::ProgressBar) -> Ve
 fn page(asked: &Asked<'_>, error: &Metric, done: &[Outcome], failed: &[Failure], written: &[PathBuf]) -> Page {
     let mut page = Page::new();
     let updates = asked.config.updates();
-    page.title(asked.entry.name, &format!("{}, {} seeds, {updates} updates", asked.algorithm, asked.seeds.len()));
+    let seeds = counted(asked.seeds.len(), "seed");
+    page.title(asked.entry.name, &format!("{}, {seeds}, {updates} updates", asked.algorithm));
     page.table(table(error, done));
     page.line("\n± 95 %: half the width of the confidence interval of the mean over seeds, by Student's t.");
     page.lines("Failed", failed.iter().map(|Failure { seed, why }| format!("seed {seed}: {why}")));

@@ -2,13 +2,14 @@
 
 use super::check::{Triangles, check_count};
 use super::{MAX_TRIANGLES, Mesh, Source, backend};
-use crate::dynamics::scene::MAX_ELEMENTS;
+use crate::dynamics::scene::{MAX_ELEMENTS, unique};
 use crate::dynamics::shape::upright;
 use crate::error::{Error, Result};
 use crate::file_gate;
 use crate::memory::Request;
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 /// Largest STL file, bytes: a million triangles are 50 MB in binary, and some five times as much as text.
@@ -59,8 +60,8 @@ fn yes() -> bool {
     true
 }
 
-/// The meshes of a scene; names of files count from `folder`. A file that several of them name is read once, and their surface is
-/// one.
+/// The meshes of a scene; names of files count from `folder`. A file that several of them name, be it by names of its own, is read
+/// once, and their surface is one.
 ///
 /// # Errors
 /// As [`MeshTable::mesh`]; more than [`MAX_ELEMENTS`] of them, or more than [`MAX_ALL`] triangles of all.
@@ -69,12 +70,16 @@ pub(crate) fn meshes(tables: Vec<MeshTable>, folder: &Path) -> Result<Vec<Mesh>>
         let remedy = "Make one mesh of several.";
         return Err(Error::limit("scene: number of meshes", tables.len(), MAX_ELEMENTS, remedy));
     }
+    unique("mesh", tables.iter().map(|table| table.name.as_str()))?;
     let (mut all, mut known, mut sum) = (Vec::with_capacity(tables.len()), HashMap::new(), 0);
     for table in tables {
-        let file = table.file.as_ref().map(|file| (folder.join(file), table.spacing.map(|d| d.map(f64::to_bits))));
+        // the end of a name says how it is read
+        let read_as = |path: &Path| (path.extension().map(OsString::from), table.spacing.map(|d| d.map(f64::to_bits)));
+        let path = table.file.as_ref().map(|file| folder.join(file));
+        let file = path.as_ref().map(|path| (file_gate::identity(path), read_as(path)));
         let alone = table.vertices.is_none() && table.triangles.is_none() && table.heights.is_none();
         let mesh = match file.as_ref().filter(|_| alone).and_then(|file| known.get(file)) {
-            Some(mesh) => table.placed(Mesh::clone(mesh))?,
+            Some(mesh) => table.placed(Mesh { source: named(mesh, path.unwrap_or_default()), ..Mesh::clone(mesh) })?,
             None => table.mesh(folder)?,
         };
         sum += mesh.n_triangle();
@@ -115,6 +120,14 @@ impl MeshTable {
         let mesh = Mesh { name, position, rotation, scale, contact, ..mesh };
         mesh.validate(&format!("mesh '{}'", mesh.name))?;
         Ok(mesh)
+    }
+}
+
+/// Where a mesh comes from, under another name of that file.
+fn named(mesh: &Mesh, path: PathBuf) -> Source {
+    match &mesh.source {
+        Source::HeightFile(_, spacing) => Source::HeightFile(path, *spacing),
+        _ => Source::File(path),
     }
 }
 

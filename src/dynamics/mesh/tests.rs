@@ -462,6 +462,40 @@ fn a_file_that_many_meshes_name_is_read_once_and_all_of_them_are_counted() {
     println!("took {:.2} s", begun.elapsed().as_secs_f64());
 }
 
+#[cfg(unix)]
+#[test]
+fn a_file_of_many_names_is_read_once_and_names_are_told_before_any_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    std::fs::write(path("0.stl"), stl(&ball(3, 1.0), true)).unwrap();
+    std::fs::write(path("1.STL"), stl(&ball(3, 1.0), true)).unwrap();
+    let n = 40;
+    for k in 2..n {
+        let (name, first) = (path(&format!("{k}.stl")), path("0.stl"));
+        if k % 2 == 0 { std::fs::hard_link(first, name) } else { std::os::unix::fs::symlink(first, name) }.unwrap();
+    }
+    std::fs::hard_link(path("0.stl"), path("0.txt")).unwrap();
+    let read = |names: &[(String, String)]| {
+        let table =
+            |(name, file): &(String, String)| format!("[[mesh]]\nname = '{name}'\ncontact = false\nfile = '{file}'\n");
+        std::fs::write(path("scene.toml"), names.iter().map(table).collect::<String>()).unwrap();
+        Scene::from_toml_file(path("scene.toml"))
+    };
+    let of = |k: usize| (format!("m{k}"), if k == 1 { "1.STL".into() } else { format!("{k}.stl") });
+    let mut all: Vec<_> = (0..n).map(of).collect();
+    let scene = read(&all).unwrap();
+    for (k, mesh) in scene.mesh.iter().enumerate() {
+        assert_eq!(Arc::ptr_eq(&mesh.surface, &scene.mesh[0].surface), k != 1, "{k}");
+        assert!(matches!(&mesh.source, Source::File(own) if *own == path(&all[k].1)), "{k}");
+    }
+    all[7] = ("m7".into(), "0.txt".into());
+    assert!(read(&all).unwrap_err().to_string().contains("a name that ends in .stl"));
+    all[0].1 = "nowhere.stl".into();
+    all[39].0 = "m8".into();
+    let text = read(&all).unwrap_err().to_string();
+    assert!(text.contains("mesh name is 'm8' twice"), "{text}");
+}
+
 #[test]
 #[ignore = "a measurement: cargo test --workspace --lib rays_per_second_at_five_thousand_triangles -- --ignored --nocapture"]
 fn rays_per_second_at_five_thousand_triangles() {

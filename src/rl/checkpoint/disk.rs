@@ -67,12 +67,19 @@ impl Disk {
         self.change(Change::Rename, to, || fs::rename(from, to))
     }
 
-    /// Removes a folder with all that is in it, if it is there; what is no folder, a link among that, alone.
-    pub fn remove_folder(&self, path: &Path) -> Result<()> {
+    /// Removes a folder of these files, if it is there. What else is in it stays, and the folder with it.
+    pub fn remove_own(&self, path: &Path, files: &[&str]) -> Result<()> {
         match fs::symlink_metadata(path) {
             Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(()),
-            Ok(about) if !about.is_dir() => self.change(Change::Remove, path, || fs::remove_file(path)),
-            _ => self.change(Change::Remove, path, || fs::remove_dir_all(path)),
+            _ => self.change(Change::Remove, path, || {
+                for file in files {
+                    match fs::remove_file(path.join(file)) {
+                        Err(e) if e.kind() != io::ErrorKind::NotFound => return Err(e),
+                        _ => {}
+                    }
+                }
+                fs::remove_dir(path)
+            }),
         }
     }
 

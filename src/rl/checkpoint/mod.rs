@@ -82,6 +82,8 @@ pub(crate) fn flies(tensor: &str) -> bool {
 const MANIFEST: &str = "manifest.json";
 const POLICY: &str = "policy.safetensors";
 const STATE: &str = "state.safetensors";
+/// All files of a checkpoint.
+const FILES: [&str; 3] = [POLICY, STATE, MANIFEST];
 
 /// Everything that a run needs to go on.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -127,7 +129,7 @@ impl Checkpoint {
     /// Writes the three files into a new `folder`, down to the medium.
     fn write(&self, folder: &Path, disk: &Disk, max_bytes: u64) -> Result<()> {
         check_policy(&self.policy)?;
-        let paths = [POLICY, STATE, MANIFEST].map(|name| folder.join(name));
+        let paths = FILES.map(|name| folder.join(name));
         let (policy, state) = (Layout::new(&self.policy, &paths[0])?, Layout::new(&self.state, &paths[1])?);
         check_total(folder, policy.bytes.saturating_add(state.bytes), max_bytes)?;
         disk.make_folder(folder)?;

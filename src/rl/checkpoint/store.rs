@@ -1,7 +1,7 @@
 //! The checkpoints of a run: the newest that is whole, and one writer at a time.
 
 use super::disk::Disk;
-use super::{Checkpoint, MAX_BYTES, Wanted, damaged, flies};
+use super::{Checkpoint, FILES, MAX_BYTES, Wanted, damaged, flies};
 use crate::error::{Error, Result};
 use crate::file_gate;
 use std::collections::BTreeSet;
@@ -77,7 +77,7 @@ impl Store {
         let lock = lock(&folder)?;
         let (store, disk) = (Self { folder, max_bytes: MAX_BYTES }, Disk::default());
         disk.sync_folder(run)?;
-        let writer = Writer { store, keep, whole: BTreeSet::new(), disk, _lock: lock };
+        let writer = Writer { store, keep, whole: BTreeSet::new(), spared: BTreeSet::new(), disk, _lock: lock };
         writer.clear()?;
         Ok(writer)
     }
@@ -194,7 +194,7 @@ pub fn remove_checkpoints(run: &Path) -> Result<()> {
     let folder = &writer.store.folder;
     let own = own_checkpoints(folder)?;
     own.iter().try_for_each(|path| check_own(path))?;
-    own.iter().try_for_each(|path| writer.disk.remove_folder(path))?;
+    own.iter().try_for_each(|path| writer.disk.remove_own(path, &FILES))?;
     let folder = folder.clone();
     drop(writer);
     let lock = folder.join(LOCK);
@@ -235,18 +235,26 @@ fn own_checkpoints(folder: &Path) -> Result<Vec<PathBuf>> {
 
 /// Refuses a folder of a checkpoint that holds more than its files.
 fn check_own(checkpoint: &Path) -> Result<()> {
-    let refused = |e| Error::file(checkpoint, e);
-    for entry in std::fs::read_dir(checkpoint).map_err(refused)? {
-        let entry = entry.map_err(refused)?;
-        let name = entry.file_name();
-        let ours = [super::MANIFEST, super::POLICY, super::STATE].iter().any(|own| name == *own);
-        if !ours || entry.file_type().map_err(refused)?.is_dir() {
-            let value = format!("'{}'", entry.path().display());
-            let remedy = "Move it elsewhere, or name another folder.";
-            return Err(Error::value("file in a checkpoint", value, "one of the run", remedy));
+    let Some(path) = foreign_entry(checkpoint).map_err(|e| Error::file(checkpoint, e))? else { return Ok(()) };
+    let remedy = "Move it elsewhere, or name another folder.";
+    Err(Error::value("file in a checkpoint", format!("'{}'", path.display()), "one of the run", remedy))
+}
+
+/// The first entry of a folder that no checkpoint has.
+fn foreign_entry(checkpoint: &Path) -> std::io::Result<Option<PathBuf>> {
+    for entry in std::fs::read_dir(checkpoint)? {
+        let entry = entry?;
+        let named = FILES.iter().any(|own| entry.file_name() == *own);
+        if !named || !entry.file_type()?.is_file() {
+            return Ok(Some(entry.path()));
         }
     }
-    Ok(())
+    Ok(None)
+}
+
+/// Whether a folder, no link to one, holds nothing but files of a checkpoint: whole, half written or half removed.
+fn is_own(path: &Path) -> bool {
+    !is_foreign(path) && matches!(foreign_entry(path), Ok(None))
 }
 
 fn folder_name(update: u64) -> String {
@@ -285,6 +293,8 @@ pub struct Writer {
     keep: usize,
     /// Updates whose checkpoints were saved or found whole by this writer.
     whole: BTreeSet<u64>,
+    /// Folders that were to be removed and hold files of others.
+    spared: BTreeSet<PathBuf>,
     disk: Disk,
     _lock: Lock,
 }
@@ -300,6 +310,11 @@ impl Writer {
         Self { store: self.store.with_max_bytes(max_bytes), ..self }
     }
 
+    /// Folders that this writer had to remove and left with all that is in them, since files of others are there.
+    pub fn spared(&self) -> impl Iterator<Item = &Path> {
+        self.spared.iter().map(PathBuf::as_path)
+    }
+
     /// As [`Store::latest`].
     ///
     /// # Errors
@@ -310,9 +325,9 @@ impl Writer {
         Ok(found)
     }
 
-    /// Saves a checkpoint newer than all others, then removes those older than the newest `keep` whole ones. Damaged
-    /// ones in its way, of the same or later updates, are put aside as `<update>.damaged`; so is what else bears its name, and
-    /// stays there.
+    /// Saves a checkpoint newer than all others, then removes those older than the newest `keep` whole ones, but for folders
+    /// with files of others ([`Writer::spared`]). Damaged ones in its way, of the same or later updates, are put aside as
+    /// `<update>.damaged`; so is what else bears its name, and stays there.
     ///
     /// # Errors
     /// [`Error::Value`] if a whole one is not older, or the policy is not `f32`; [`Error::Limit`] for what could not be
@@ -325,11 +340,11 @@ impl Writer {
         }
         self.make_way(update)?;
         self.clear()?;
-        let (temporary, folder) = (self.store.folder.join(SAVING), self.store.path(update));
+        let (temporary, folder) = (self.working(SAVING)?, self.store.path(update));
         let written = checkpoint.write(&temporary, &self.disk, self.store.max_bytes);
         if let Err(e) = written.and_then(|()| self.disk.rename(&temporary, &folder)) {
             // the first error is the one to tell; what stays is cleared by the next save
-            let _ = self.disk.remove_folder(&temporary);
+            let _ = self.disk.remove_own(&temporary, &FILES);
             return Err(e);
         }
         self.disk.sync_folder(&self.store.folder)?;
@@ -338,13 +353,18 @@ impl Writer {
         Ok(folder)
     }
 
-    /// Removes all checkpoints later than `update`, to train on from there.
+    /// Removes all checkpoints later than `update`, to train on from there. Folders with files of others are put aside as
+    /// `<update>.damaged` instead, with all that is in them.
     ///
     /// # Errors
     /// [`Error::File`] if one cannot be removed.
     pub fn discard_after(&mut self, update: u64) -> Result<()> {
         for later in self.store.updates()?.into_iter().rev().filter(|u| *u > update) {
-            self.remove(later)?;
+            if self.remove(later)? {
+                continue;
+            }
+            self.disk.rename(&self.store.path(later), &self.free(later)?)?;
+            self.whole.remove(&later);
         }
         Ok(())
     }
@@ -364,9 +384,9 @@ impl Writer {
                 let remedy = "Go on from that one, discard it with Writer::discard_after, or train in another folder.";
                 return Err(Error::value("update of a checkpoint", update, limit, remedy));
             }
-            let aside = self.aside(later, "");
-            let aside = if is_foreign(&aside) { self.free(later)? } else { aside };
-            self.disk.remove_folder(&aside)?;
+            let usual = self.aside(later, "");
+            let aside = if is_own(&usual) { usual } else { self.free(later)? };
+            self.disk.remove_own(&aside, &FILES)?;
             self.disk.rename(&self.store.path(later), &aside)?;
         }
         let path = self.store.path(update);
@@ -382,19 +402,35 @@ impl Writer {
 
     /// A name to put something aside by that nothing has.
     fn free(&self, update: u64) -> Result<PathBuf> {
-        let names = (0..MAX_ASIDE).map(|k| self.aside(update, &if k == 0 { String::new() } else { format!(".{k}") }));
+        let names = numbered().map(|number| self.aside(update, &number));
         let mut free = names.filter(|path| std::fs::symlink_metadata(path).is_err());
-        free.next().ok_or_else(|| {
-            let what = format!("{}: things in the way of a checkpoint", self.store.folder.display());
-            Error::limit(what, MAX_ASIDE + 1, MAX_ASIDE, "Remove those that end in .damaged.")
-        })
+        free.next().ok_or_else(|| self.crowded())
+    }
+
+    /// A name of ours to work under: what an earlier writer left there is removed, what is of others stays and keeps its name.
+    fn working(&self, name: &str) -> Result<PathBuf> {
+        let names = numbered().map(|number| self.store.folder.join(format!("{name}{number}")));
+        let mut ours = names.filter(|path| std::fs::symlink_metadata(path).is_err() || is_own(path));
+        let path = ours.next().ok_or_else(|| self.crowded())?;
+        self.disk.remove_own(&path, &FILES)?;
+        Ok(path)
+    }
+
+    fn crowded(&self) -> Error {
+        let what = format!("{}: things in the way of a checkpoint", self.store.folder.display());
+        Error::limit(
+            what,
+            MAX_ASIDE + 1,
+            MAX_ASIDE,
+            "Move those that end in .damaged elsewhere, or train in another folder.",
+        )
     }
 
     fn prune(&mut self) -> Result<()> {
         let mut kept = 0;
         for update in self.store.updates()?.into_iter().rev() {
             if kept == self.keep {
-                self.remove(update)?;
+                self.remove(update)?; // or it is spared
             } else if self.is_whole(update) {
                 kept += 1;
             }
@@ -402,19 +438,29 @@ impl Writer {
         Ok(())
     }
 
-    /// Renamed first: a half removed checkpoint is none.
-    fn remove(&mut self, update: u64) -> Result<()> {
-        let removing = self.store.folder.join(REMOVING);
-        self.disk.remove_folder(&removing)?;
-        self.disk.rename(&self.store.path(update), &removing)?;
+    /// Whether it could go: a folder with files of others stays. Renamed first: a half removed checkpoint is none.
+    fn remove(&mut self, update: u64) -> Result<bool> {
+        let path = self.store.path(update);
+        if !is_own(&path) {
+            self.spared.insert(path);
+            return Ok(false);
+        }
+        let removing = self.working(REMOVING)?;
+        self.disk.rename(&path, &removing)?;
         self.whole.remove(&update);
-        self.disk.remove_folder(&removing)
+        self.disk.remove_own(&removing, &FILES)?;
+        Ok(true)
     }
 
     /// What a killed writer left half done.
     fn clear(&self) -> Result<()> {
-        [SAVING, REMOVING].iter().try_for_each(|name| self.disk.remove_folder(&self.store.folder.join(name)))
+        [SAVING, REMOVING].iter().try_for_each(|name| self.working(name).map(drop))
     }
+}
+
+/// Ends of names that one thing may bear: none, then `.1` and so on.
+fn numbered() -> impl Iterator<Item = String> {
+    (0..MAX_ASIDE).map(|k| if k == 0 { String::new() } else { format!(".{k}") })
 }
 
 #[cfg(test)]
@@ -737,9 +783,69 @@ mod tests {
                 }
                 let found = writer.latest().unwrap().unwrap();
                 assert!(same(&found.checkpoint, &sample(5, 20)) && found.skipped.len() <= 1, "{told}");
-                let theirs = kind < 4 && !name.starts_with('.');
+                let theirs = kind < 4;
                 let there = names(run.path()).iter().any(|own| own == name || *own == format!("{name}.damaged"));
                 assert!(there || !theirs, "{told}: {:?}", names(run.path()));
+            }
+        }
+    }
+
+    /// Everything below a folder: names and texts.
+    fn all_below(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+        let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap());
+        let of = |entry: std::fs::DirEntry| match entry.file_type().unwrap().is_dir() {
+            true => all_below(&entry.path()),
+            false => vec![(entry.path(), std::fs::read(entry.path()).unwrap())],
+        };
+        entries.flat_map(of).collect()
+    }
+
+    #[test]
+    fn an_old_checkpoint_with_files_of_others_stays_and_is_told() {
+        // beside our files, in a folder, in place of one of our files
+        for own in ["notes.txt", "plots/a.png", "state.safetensors/mine"] {
+            for whole in [true, false] {
+                let run = tempfile::tempdir().unwrap();
+                let mut writer = store_with(run.path(), &[1, 2]);
+                let old = writer.store().path(1);
+                if !whole || own.starts_with("state") {
+                    std::fs::remove_file(old.join("state.safetensors")).unwrap();
+                }
+                let mine = old.join(own);
+                std::fs::create_dir_all(mine.parent().unwrap()).unwrap();
+                std::fs::write(&mine, "theirs").unwrap();
+                for update in 3..6 {
+                    writer.save(&sample(update, 20)).unwrap();
+                }
+                assert_eq!(std::fs::read_to_string(&mine).unwrap(), "theirs");
+                assert_eq!(names(run.path()), [".lock", "000000001", "000000004", "000000005"], "{own}");
+                assert_eq!(writer.spared().collect::<Vec<_>>(), [old.as_path()]);
+                writer.discard_after(0).unwrap();
+                assert_eq!(names(run.path()), [".lock", "000000001.damaged"], "{own}");
+                assert!(all_below(run.path()).iter().any(|(path, text)| path.ends_with(own) && text == b"theirs"));
+                writer.save(&sample(1, 20)).unwrap();
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_of_others_stays_under_the_names_of_a_writer_s_own_work() {
+        for name in [SAVING, REMOVING, "000000003.damaged", "000000002.damaged"] {
+            for own in ["notes.txt", "a/b", "manifest.json/c"] {
+                let run = tempfile::tempdir().unwrap();
+                drop(store_with(run.path(), &[1, 2]));
+                let mine = run.path().join("checkpoints").join(name).join(own);
+                std::fs::create_dir_all(mine.parent().unwrap()).unwrap();
+                std::fs::write(&mine, "theirs").unwrap();
+                damage(&Store::open(run.path()).unwrap(), 2);
+                let mut writer = Store::open_to_write(run.path(), 2).unwrap();
+                for update in 2..6 {
+                    writer.save(&sample(update, 20)).unwrap();
+                }
+                assert_eq!(std::fs::read_to_string(&mine).unwrap(), "theirs", "{name}/{own}");
+                assert!(same(&writer.latest().unwrap().unwrap().checkpoint, &sample(5, 20)));
+                let left = names(run.path());
+                assert!(!left.iter().any(|n| n.starts_with('.') && n != name && n != ".lock"), "{left:?}");
             }
         }
     }

@@ -28,10 +28,11 @@ pub(super) fn tell(page: &mut Page, folder: &Path, kind: &Kind, telling: &Tellin
     }
 }
 
+const REMEDY: &str = "It is written by 'omnidrones train': make it anew.";
+
 /// What a file of a folder says.
 fn read<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T> {
-    let remedy = "It is written by 'omnidrones train': make it anew.";
-    internals::of_json(files::read_text(path, over_seeds::MAX_JSON)?.as_bytes(), &path.display().to_string(), remedy)
+    internals::of_json(files::read_text(path, over_seeds::MAX_JSON)?.as_bytes(), &path.display().to_string(), REMEDY)
 }
 
 /// What `train --seeds` keeps of its runs.
@@ -44,10 +45,19 @@ struct Seeds {
 }
 
 fn seeds(page: &mut Page, folder: &Path, telling: &Telling) -> Result<()> {
-    let told: Seeds = read(&folder.join("seeds.json"))?;
+    let path = folder.join("seeds.json");
+    let told: Seeds = read(&path)?;
+    if let Some(rule) = over_seeds::fault(&told.runs) {
+        return Err(Error::Format {
+            file: path.display().to_string(),
+            place: "runs".into(),
+            rule,
+            remedy: REMEDY.into(),
+        });
+    }
     let entry = registry::by_name(&told.task)?;
     let own = |seed: u64| folder.join(format!("s{seed}"));
-    page.heading(&format!("{}: {}, {} seeds", told.task, told.algorithm, told.runs.len()));
+    page.heading(&format!("{}: {}, {}", told.task, told.algorithm, counted(told.runs.len(), "seed")));
     let Some(first) = told.runs.first() else {
         page.line("No seed was trained.");
         return Ok(());
@@ -79,16 +89,16 @@ fn search(page: &mut Page, folder: &Path, telling: &Telling) -> Result<()> {
     let configs: Vec<TrainConfig> = search.candidates.iter().map(|(_, config)| config.clone()).collect();
     let names = named(&configs)?;
     let best = best(&trials);
-    page.heading(&format!("A search over {} candidates, {} seeds", names.len(), search.seeds.len()));
+    let (candidates, seeds) = (counted(names.len(), "candidate"), counted(search.seeds.len(), "seed"));
+    page.heading(&format!("A search over {candidates}, {seeds}"));
     let Some(best) = best else {
-        page.line("No rung of it is over.");
+        page.line(if trials.is_empty() { "No rung of it is over." } else { "No candidate could be trained." });
+        page.lines("Failed", failed(&failures, &names));
         return Ok(());
     };
     let told = SearchResult { winner: best, trials, failures };
     page.table(train_search::table(&told, &names)).line(train_search::KEY);
-    for (candidate, seed, why) in &told.failures {
-        page.line(format!("{}, seed {seed}, failed: {why}", names[*candidate]));
-    }
+    page.lines("Failed", failed(&told.failures, &names));
     page.figure(train_search::figure(&told, &names, "Search").svg()?);
     let own = folder.join(&search.candidates[best].0);
     let runs = search.seeds.iter().map(|seed| own.join(format!("s{seed}")));
@@ -97,6 +107,11 @@ fn search(page: &mut Page, folder: &Path, telling: &Telling) -> Result<()> {
         runs::tell(page, &[Told::of(&run, telling)?])?;
     }
     Ok(())
+}
+
+/// Runs of a search that failed, and why.
+fn failed<'a>(failures: &'a [(usize, u64, String)], names: &'a [String]) -> impl Iterator<Item = String> + 'a {
+    failures.iter().map(|(candidate, seed, why)| format!("{}, seed {seed}: {why}", names[*candidate]))
 }
 
 /// Candidates by the settings in which they differ.

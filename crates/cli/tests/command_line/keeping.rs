@@ -66,6 +66,70 @@ fn a_forced_training_in_a_folder_of_others_takes_no_page_of_theirs() {
     }
 }
 
+#[test]
+fn runs_of_which_no_search_tells_are_refused_replaced_by_force_and_never_a_winner() {
+    let folder = temporary();
+    let folder = folder.path();
+    let search = ["--updates", "2", "--search", "apg.max_grad_norm=0.4,0.5", "--factor", "2", "--seeds", "1"];
+    let with = |more: &[&'static str]| [&search[..], more].concat();
+    train(0, folder, "own", &search);
+    fs::remove_file(folder.join("own/search.json")).unwrap();
+    fs::remove_file(folder.join("own/winner.toml")).unwrap();
+    let kept = all(&folder.join("own"));
+    for more in [&[][..], &["--resume"]] {
+        let told = train(2, folder, "own", &with(more));
+        assert!(told.contains("no search.json tells of it") && told.contains("--force"), "{told}");
+        assert!(all(&folder.join("own")) == kept, "{more:?}");
+    }
+    let manifest = || fs::read(folder.join("own/c0/s0/checkpoints/000000002/manifest.json")).unwrap();
+    let before = manifest();
+    train(0, folder, "own", &with(&["--force"]));
+    assert!(folder.join("own/winner.toml").exists() && manifest() != before, "trained anew");
+    // a file where each run is to have its folder
+    for name in ["c0", "c1"] {
+        fs::create_dir_all(folder.join("bad").join(name)).unwrap();
+        fs::write(folder.join("bad").join(name).join("s0"), "mine").unwrap();
+    }
+    for _ in 0..2 {
+        let told = train(2, folder, "bad", &with(&["--force"]));
+        assert!(told.contains("candidates that were trained is none"), "{told}");
+        assert!(!folder.join("bad/winner.toml").exists());
+        assert_eq!(fs::read_to_string(folder.join("bad/c1/s0")).unwrap(), "mine");
+    }
+    let (page, _) = exits(0, folder, &["report", "bad"]);
+    assert!(page.contains("report.html"), "{page}");
+    let page = fs::read_to_string(folder.join("bad/report.html")).unwrap();
+    assert!(
+        page.contains("No candidate could be trained") && page.contains("A search over 2 candidates, 1 seed"),
+        "{page}"
+    );
+}
+
+#[cfg(unix)]
+#[test]
+fn a_run_that_goes_on_leaves_the_other_names_of_its_files_as_they_are() {
+    let folder = temporary();
+    let folder = folder.path();
+    let saved = ["--set", "tensorboard=true", "--set", "log_every=1", "--set", "checkpoint.every=1"];
+    train(0, folder, "own", &[&saved[..], &["--updates", "2"]].concat());
+    let names = ["log.jsonl", "curve.csv", "events.out.tfevents.omnidrones", "config.toml", "result.json"];
+    let linked = |name: &str| folder.join(format!("linked-{name}"));
+    let own = |name: &str| fs::read(folder.join("own").join(name)).unwrap();
+    names.iter().for_each(|name| fs::hard_link(folder.join("own").join(name), linked(name)).unwrap());
+    let before = names.map(own);
+    let old = folder.join("own/checkpoints/000000002/notes.txt");
+    fs::write(&old, "mine").unwrap();
+    for updates in ["4", "6"] {
+        let told = train(0, folder, "own", &[&saved[..], &["--updates", updates, "--resume"]].concat());
+        for (name, then) in names.iter().zip(&before) {
+            assert!(fs::read(linked(name)).unwrap() == *then, "{name} was written to");
+        }
+        assert!(own("log.jsonl").starts_with(&before[0]) && own("log.jsonl").len() > before[0].len());
+        assert_eq!(fs::read_to_string(&old).unwrap(), "mine");
+        assert!(told.contains("000000002 is an old checkpoint and stays"), "{told}");
+    }
+}
+
 #[cfg(unix)]
 #[test]
 fn a_forced_training_follows_no_link_and_leaves_what_is_of_others() {
