@@ -287,8 +287,7 @@ fn left(of: &internals::Left) -> String {
 /// Ends the process. Half a file is nobody's.
 fn end(told: Vec<String>) -> ! {
     let _writes_end = internals::remove_unfinished();
-    let nothing = "no file is left half written".to_string();
-    for line in if told.is_empty() { vec![nothing] } else { told } {
+    for line in if told.is_empty() { vec![files::saved_so_far()] } else { told } {
         let _ = writeln!(std::io::stderr(), "stopped: {}", words::shown(&line));
     }
     std::process::exit(130);
