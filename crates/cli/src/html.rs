@@ -29,7 +29,7 @@ pub fn html(page: &Page) -> String {
             Block::Heading(name) => writeln!(body, "<h2>{}</h2>", escaped(name)),
             Block::Subheading(name) => writeln!(body, "<h3>{}</h3>", escaped(name)),
             // indented as text
-            Block::Line(text) => writeln!(body, "<p>{}</p>", by_lines(text.trim(), escaped)),
+            Block::Line(text) | Block::Prose(text) => writeln!(body, "<p>{}</p>", by_lines(text.trim(), escaped)),
             Block::Notes(word, texts) => {
                 texts.iter().try_for_each(|text| writeln!(body, "<p>{} {}</p>", escaped(word), escaped(text)))
             }
@@ -89,7 +89,7 @@ pub fn markdown(page: &Page) -> String {
             }
             Block::Heading(name) => writeln!(text, "## {}", plain(name)),
             Block::Subheading(name) => writeln!(text, "### {}", plain(name)),
-            Block::Line(line) => writeln!(text, "{}", by_lines(line.trim(), plain)),
+            Block::Line(line) | Block::Prose(line) => writeln!(text, "{}", by_lines(line.trim(), plain)),
             Block::Notes(word, texts) => {
                 texts.iter().try_for_each(|line| writeln!(text, "- {} {}", plain(word), plain(line)))
             }

@@ -103,11 +103,11 @@ fn list(config: &EnvConfig, as_json: bool) -> Result<Report> {
         }
     }
     page.table(table);
-    page.line(format!(
-        "\n'sees' and 'acts' count the numbers of one agent's observation and action in a step of {} s, 'steps' those of",
+    page.prose(format!(
+        "\n'sees' and 'acts' count the numbers of one agent's observation and action in a step of {} s, 'steps' those of \
+         an episode; 'best' is the largest reward of a step, which all agents of a team share.\n",
         short(config.dt, 3)
     ));
-    page.line("an episode; 'best' is the largest reward of a step, which all agents of a team share.\n");
     page.line("omnidrones tasks TASK prints one in full, omnidrones rollout TASK flies it.");
     Ok(Report::page(&page, true))
 }

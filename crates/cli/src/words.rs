@@ -55,6 +55,31 @@ pub fn wrapped(text: &str, width: usize, first: usize, hang: usize) -> String {
     out
 }
 
+/// A remark in fewer columns is read word by word: it goes below its command.
+const NARROW: usize = 24;
+
+/// A text of help in `width` columns: remarks behind examples stay in their column, or go below where that is narrow.
+pub fn examples(text: &str, width: usize) -> String {
+    let line = |line: &str| {
+        let Some((command, remark)) = example(line).filter(|_| line.chars().count() > width) else {
+            return line.to_string();
+        };
+        let column = line.chars().count() - remark.chars().count();
+        if column + NARROW <= width {
+            return wrapped(line, width, 0, column);
+        }
+        format!("{}\n{}", wrapped(command, width, 0, 4), wrapped(&format!("      {remark}"), width, 0, 6))
+    };
+    text.split('\n').map(line).collect::<Vec<_>>().join("\n")
+}
+
+/// A command of ours and the remark behind it.
+fn example(line: &str) -> Option<(&str, &str)> {
+    let command = line.strip_prefix("  omnidrones ")?;
+    let at = line.len() - command.len() + command.find("  ")?;
+    Some((&line[..at], line[at..].trim_start()))
+}
+
 /// `v` to `digits` significant digits: plain from 0.001 to 99999, else with an exponent; a dash where not finite.
 pub fn short(v: f64, digits: usize) -> String {
     if !v.is_finite() {
@@ -148,6 +173,22 @@ mod tests {
             assert!(narrow.lines().filter(|l| longest(l) > 0).all(|l| l.starts_with("  ")), "{narrow}");
         }
         assert_eq!(wrapped("ab cd ef", 10, 6, 6), "ab\n      cd\n      ef");
+    }
+
+    #[test]
+    fn a_remark_stays_in_its_column_or_goes_below_its_command() {
+        let text = "Examples:\n  omnidrones fly iris        with a remark of seven words and more\n  omnidrones tune iris       short\n\nprose";
+        assert_eq!(examples(text, 100), text);
+        for width in [36, 44, 52, 60, 64] {
+            let narrow = examples(text, width);
+            assert!(narrow.lines().all(|line| line.chars().count() <= width), "{width}\n{narrow}");
+            let words = |s: &str| s.split_whitespace().map(String::from).collect::<Vec<_>>();
+            assert_eq!(words(&narrow), words(text));
+            assert!(narrow.lines().filter(|l| l.starts_with("  o")).count() == 2, "{width}\n{narrow}");
+            let second = narrow.lines().nth(2).unwrap();
+            let indent = second.len() - second.trim_start().len();
+            assert!(width >= 63 || indent == if 29 + NARROW <= width { 29 } else { 6 }, "{width}\n{narrow}");
+        }
     }
 
     #[test]
