@@ -300,7 +300,7 @@ const HELP_COLUMNS: u16 = 100;
 fn with_examples(command: clap::Command) -> clap::Command {
     let columns = table::window().map_or(usize::from(HELP_COLUMNS), |own| own.min(HELP_COLUMNS.into()));
     let [below, long] = [command.get_after_help(), command.get_after_long_help()]
-        .map(|text| text.map(|text| words::examples(&text.to_string(), columns)));
+        .map(|text| text.map(|text| words::fitting(&text.to_string(), columns)));
     let command = below.into_iter().fold(command, clap::Command::after_help);
     long.into_iter().fold(command, clap::Command::after_long_help)
 }

@@ -1,7 +1,7 @@
 //! What a command tells: headings, facts, tables, notes, drawings; written as text here, by `html.rs` for a browser.
 
 use super::table::{Table, window};
-use super::words::{shown, shown_lines, wrapped};
+use super::words::{fitting, shown, shown_lines, wrapped};
 use std::fmt::Write;
 use std::io::IsTerminal;
 use std::path::PathBuf;
@@ -190,7 +190,9 @@ impl Page {
                 Block::Heading(name) | Block::Subheading(name) => writeln!(out, "\n{}", paint("1", name)),
                 Block::Line(text) => match text.strip_prefix("\nFAILED") {
                     Some(why) => writeln!(out, "\n{}{}", painted("1;31", "FAILED"), broken(shown_lines(why), 6, 2)),
-                    None => writeln!(out, "{}", broken(shown_lines(text), 0, 0)),
+                    None => {
+                        writeln!(out, "{}", width.map_or(shown_lines(text), |own| fitting(&shown_lines(text), own)))
+                    }
                 },
                 Block::Prose(text) => {
                     writeln!(out, "{}", wrapped(&shown_lines(text), width.unwrap_or(USUAL), 0, 0))
