@@ -29,8 +29,8 @@ pub(super) fn place(canvas: &mut Canvas, view: &View, labels: &[Label], busy: &[
 
 fn places<'a>(view: &View, labels: &'a [Label], busy: &[Point], area: Area) -> Vec<(&'a Label, Placed)> {
     let mut found: Vec<(&Label, Placed)> = Vec::new();
-    for label in labels {
-        let at = view.point(label.at);
+    let points: Vec<Point> = labels.iter().map(|label| view.point(label.at)).collect();
+    for (label, at) in labels.iter().zip(points.iter().copied()) {
         let boxes = candidates(at, font::width(&label.text, size::TICK)).filter(|b| inside(b, &area));
         let cost = |own: &Area| {
             let hidden = busy.iter().filter(|p| holds(own, **p, 1.5)).count() as f64;
@@ -41,7 +41,14 @@ fn places<'a>(view: &View, labels: &'a [Label], busy: &[Point], area: Area) -> V
                     || other.line.is_some_and(|line| crosses(&line, own))
             });
             let far = distance(own, at);
-            400.0 * crossed + 60.0 * struck.count() as f64 + 9.0 * hidden + far + if line.is_some() { 4.0 } else { 0.0 }
+            let apart = |p: &&Point| (p.0 - at.0).hypot(p.1 - at.1) > 1.0;
+            let misread = points.iter().filter(apart).filter(|p| distance(own, **p) < far).count() as f64;
+            25.0 * misread
+                + 400.0 * crossed
+                + 30.0 * struck.count() as f64
+                + 9.0 * hidden
+                + far
+                + if line.is_some() { 4.0 } else { 0.0 }
         };
         let Some(own) = boxes.min_by(|a, b| cost(a).total_cmp(&cost(b))) else { continue };
         let line = line_to(&own, at);
