@@ -79,7 +79,9 @@ fn fitting_line(line: &str, width: usize) -> String {
         let setting = setting.trim_end_matches(' ');
         return format!("{}\n{setting}", comment(text, &indent));
     }
-    let Some((command, remark)) = example(line) else { return wrapped(line, width, 0, 0) };
+    let Some((command, remark)) = example(line) else {
+        return wrapped(line, width, 0, if line.starts_with("  omnidrones ") { 4 } else { 0 });
+    };
     let column = line.chars().count() - remark.chars().count();
     if column + NARROW <= width {
         return wrapped(line, width, 0, column);
@@ -203,6 +205,13 @@ mod tests {
             let indent = second.len() - second.trim_start().len();
             assert!(width >= 63 || indent == if 29 + NARROW <= width { 29 } else { 6 }, "{width}\n{narrow}");
         }
+    }
+
+    #[test]
+    fn a_long_command_goes_on_behind_its_beginning() {
+        let text = "  omnidrones train Hover --search apg.n_env=32,64 --search seed=1,2";
+        assert_eq!(fitting(text, 56), text.replace(" --search seed", "\n    --search seed"));
+        assert_eq!(fitting(text, 80), text);
     }
 
     #[test]
