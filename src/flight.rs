@@ -1,6 +1,9 @@
 //! The record of one flight: what was, what should have been, what the rotors did; its key figures; its CSV file.
 
 mod read;
+mod scans;
+
+pub use scans::Scans;
 
 use crate::autodiff::System;
 use crate::dynamics::rotor::LEAST_THRUST;
@@ -9,6 +12,7 @@ use crate::dynamics::vehicle::GRAVITY;
 use crate::dynamics::{Plant, Quantity};
 use crate::error::{Error, Result};
 use serde::Serialize;
+use std::path::Path;
 
 /// Farther from the reference than this, what flies counts as lost, m.
 pub const LOST: f64 = 5.0;
@@ -95,10 +99,12 @@ pub struct FlightLog {
     pub hover_attitude: Option<[f64; 4]>,
     /// Of a cascade; empty where what flew has no such levels.
     pub commanded: Vec<Commanded>,
-    /// What sensors read, by name and unit; empty without any.
+    /// What sensors read but for cameras and lidars, by name and unit; empty without any.
     pub sensor_channels: Vec<Quantity>,
     /// Their readings, row-major `[sample, channel]`.
     pub sensor_readings: Vec<f64>,
+    /// What cameras and lidars read; no part of the CSV.
+    pub scans: Vec<Scans>,
 }
 
 /// The key figures of a flight.
@@ -392,16 +398,7 @@ impl FlightLog {
 
     /// About how many bytes [`write_csv`](Self::write_csv) writes, by some of its rows.
     pub fn csv_size(&self) -> u64 {
-        const ROWS: usize = 16;
-        let (n, mut row) = (self.len(), Vec::new());
-        let seen = n.min(ROWS);
-        let mut letters = 0;
-        for k in 0..seen {
-            self.csv_row(k * n / seen, &mut row);
-            letters += row.iter().map(|x| x.to_string().len() + 1).sum::<usize>();
-        }
-        let head: usize = self.csv_header().iter().map(|name| name.len() + 1).sum();
-        (head + letters * n / seen.max(1)) as u64
+        csv_size(&self.csv_header(), self.len(), |i, row| self.csv_row(i, row))
     }
 
     /// Row `i` in the order of [`csv_header`](Self::csv_header).
@@ -444,20 +441,36 @@ impl FlightLog {
 
     /// Writes the log as CSV: one header line with units, one line per sample, numbers that read back to the same bits
     /// (`NaN`, `inf`, `-inf` where not finite). The file appears whole or not at all.
-    pub fn write_csv(&self, path: impl AsRef<std::path::Path>) -> Result<()> {
-        let path = path.as_ref();
-        let failed = |e: csv::Error| Error::file(path, e.into());
-        crate::file_gate::replace_with(path, |file| {
-            let mut writer = csv::Writer::from_writer(std::io::BufWriter::new(file));
-            writer.write_record(self.csv_header().iter().map(|name| crate::names::cell(name))).map_err(failed)?;
-            let mut row = Vec::new();
-            for i in 0..self.len() {
-                self.csv_row(i, &mut row);
-                writer.write_record(row.iter().map(f64::to_string)).map_err(failed)?;
-            }
-            writer.flush().map_err(|e| Error::file(path, e))
-        })
+    pub fn write_csv(&self, path: impl AsRef<Path>) -> Result<()> {
+        write_rows(path.as_ref(), &self.csv_header(), self.len(), |i, row| self.csv_row(i, row))
     }
+}
+
+/// About how many bytes `n` rows take as CSV, by some of them.
+fn csv_size(header: &[String], n: usize, fill: impl Fn(usize, &mut Vec<f64>)) -> u64 {
+    const ROWS: usize = 16;
+    let (seen, mut row, mut letters) = (n.min(ROWS), Vec::new(), 0);
+    for k in 0..seen {
+        fill(k * n / seen, &mut row);
+        letters += row.iter().map(|x| x.to_string().len() + 1).sum::<usize>();
+    }
+    let head: usize = header.iter().map(|name| name.len() + 1).sum();
+    (head + letters * n / seen.max(1)) as u64
+}
+
+/// Writes `n` rows below a header, whole or not at all.
+fn write_rows(path: &Path, header: &[String], n: usize, fill: impl Fn(usize, &mut Vec<f64>)) -> Result<()> {
+    let failed = |e: csv::Error| Error::file(path, e.into());
+    crate::file_gate::replace_with(path, |file| {
+        let mut writer = csv::Writer::from_writer(std::io::BufWriter::new(file));
+        writer.write_record(header.iter().map(|name| crate::names::cell(name))).map_err(failed)?;
+        let mut row = Vec::new();
+        for i in 0..n {
+            fill(i, &mut row);
+            writer.write_record(row.iter().map(f64::to_string)).map_err(failed)?;
+        }
+        writer.flush().map_err(|e| Error::file(path, e))
+    })
 }
 
 fn norm(v: &Vec3<f64>) -> f64 {

@@ -12,12 +12,12 @@ use crate::autodiff::safe;
 use crate::dynamics::aero::wind::{Wind, WindState};
 use crate::dynamics::batch::EXPLODED;
 use crate::dynamics::rotor::commanded_speed;
-use crate::dynamics::sensors::{Aboard, SensorConfig};
+use crate::dynamics::sensors::{Aboard, Layout, Sensor, SensorConfig};
 use crate::dynamics::spatial::{Mat3, from_matrix, to_euler};
 use crate::dynamics::tree::check_start;
 use crate::dynamics::{Disturbance, Gains, Physics, Plant, Vehicle};
 use crate::error::{Error, Result};
-use crate::flight::{self, FlightLog};
+use crate::flight::{self, FlightLog, Scans};
 use crate::memory::Request;
 use crate::rng::{Purpose, Stream};
 use serde::{Deserialize, Serialize};
@@ -213,9 +213,18 @@ impl FlightPlan {
 
 /// The log and the states of a flight fit.
 fn check_memory(plan: &FlightPlan, n_step: u64, plant: &Plant) -> Result<()> {
-    let n_reading = plan.sensors.iter().map(|sensor| sensor.model.channels().len()).sum();
+    let (mut n_reading, mut scanned) = (0, 0);
+    for sensor in &plan.sensors {
+        let n = sensor.model.channels().len();
+        match sensor.model.layout() {
+            Layout::Vector => n_reading += n,
+            // one row per reading
+            _ => scanned += (n_step / sensor.steps_between(plan.physics.dt)? + 1) as u128 * (1 + n as u128),
+        }
+    }
+    let each = FlightLog::bytes_of_sample(plant, n_reading) as u128;
     // columns double where they are full
-    let bytes = 2 * u128::from(n_step) * FlightLog::bytes_of_sample(plant, n_reading) as u128;
+    let bytes = 2 * (u128::from(n_step) * each + scanned * size_of::<f64>() as u128);
     let (value, less) = (format!("{} s", plan.duration), "Fly shorter, or with a larger dt");
     let request = Request { what: "duration", value, bytes, limit: u64::MAX, setting: "it", less };
     request.check(|limit| format!("{:.0} s", plan.duration * limit as f64 / bytes as f64))
@@ -300,7 +309,7 @@ fn flown(
     let mut wind = WindState::new(plan.wind.clone(), Stream::new(plan.seed, 0, 0, Purpose::WIND))?;
     let target = Target { reference: &plan.reference, tilt: &plan.tilt };
     let mut outside = Outside::none();
-    log.sensor_channels = system.sensors().map_or_else(Vec::new, Aboard::channels);
+    let few = name_readings(&mut log, system.sensors(), &plan.sensors);
 
     let (mut x, mut next) = (state.to_vec(), state.to_vec());
     let (mut states, mut memory) = (Vec::new(), Vec::new());
@@ -315,7 +324,7 @@ fn flown(
         system.advance(&x, target, &outside, &mut next)?;
         record(&mut log, &system, time, &x, &target.sample(time), outside.air.wind)?;
         log.commanded.extend(system.controller().commanded());
-        log.sensor_readings.extend_from_slice(system.sensors().map_or(&[], Aboard::readings));
+        record_readings(&mut log, system.sensors(), &few, time);
         if holds_tilt {
             log.asked_angles.push(angles(target.orientation(time).attitude));
         }
@@ -408,6 +417,30 @@ fn record(
         wind,
     })
 }
+
+/// Names what will be read; which sensors have few numbers.
+fn name_readings(log: &mut FlightLog, aboard: Option<&Aboard>, sensors: &[SensorConfig]) -> Vec<bool> {
+    let own: &[Sensor] = aboard.map_or(&[], |aboard| aboard.set().sensors());
+    let few: Vec<bool> = sensors.iter().map(|config| config.model.layout() == Layout::Vector).collect();
+    let columns = own.iter().zip(&few).filter(|(_, few)| **few);
+    log.sensor_channels = columns.flat_map(|(sensor, _)| sensor.channels()).cloned().collect();
+    log.scans = sensors.iter().zip(own).filter_map(|(config, sensor)| Scans::of(config, sensor)).collect();
+    few
+}
+
+/// Logs what was read at `time`: of sensors with few numbers in every step, of others each reading once.
+fn record_readings(log: &mut FlightLog, aboard: Option<&Aboard>, few: &[bool], time: f64) {
+    let own: &[Sensor] = aboard.map_or(&[], |aboard| aboard.set().sensors());
+    let mut scans = log.scans.iter_mut();
+    for (sensor, few) in own.iter().zip(few) {
+        if *few {
+            log.sensor_readings.extend_from_slice(sensor.reading());
+        } else if let Some(scans) = scans.next().filter(|_| sensor.is_new()) {
+            scans.push(time, sensor.reading());
+        }
+    }
+}
+
 /// Horizontal part of a nose that points up or down, but for rounding.
 const UPRIGHT_NOSE: f64 = 1e-7;
 

@@ -70,7 +70,7 @@ fn readings_are_late_rare_and_repeatable_and_do_not_disturb_the_flight() {
         .filter(is_small)
         .collect();
     let (first, again, other) = (flown(list.clone(), 5), flown(list.clone(), 5), flown(list, 6));
-    assert_eq!(first.log.sensor_readings, again.log.sensor_readings);
+    assert_eq!((&first.log.sensor_readings, &first.log.scans), (&again.log.sensor_readings, &again.log.scans));
     assert_ne!(first.log.sensor_readings, other.log.sensor_readings);
     let bare = flown(Vec::new(), 5);
     assert_eq!((&bare.states, &bare.log.thrust), (&first.states, &first.log.thrust));
@@ -95,6 +95,35 @@ fn the_file_of_a_flight_has_a_column_per_channel_and_reads_back_without_them() {
     let back = omnidrones::flight::FlightLog::read_csv(&path).unwrap();
     assert_eq!((back.len(), back.sensor_channels.len()), (flight.log.len(), 0));
     assert_eq!(back.position, flight.log.position);
+}
+
+#[test]
+fn a_camera_has_a_row_per_reading_whatever_its_rate_and_delay() {
+    for (every, latency) in [(1, 0), (7, 0), (50, 13), (50, 60)] {
+        let eye = SensorConfig::parse_list("camera:diffphysdrone").unwrap().remove(0);
+        let eye = SensorConfig { every: Some(every), rate: None, latency: Some(latency), delay: None, ..eye };
+        let imu = SensorConfig::parse_list("imu").unwrap().remove(0);
+        let flight = flown(vec![eye.clone(), imu.clone()], 3);
+        let log = &flight.log;
+        assert_eq!(log.sensor_channels.len(), imu.model.channels().len(), "no pixel is a column");
+        assert_eq!(log.sensor_readings, flown(vec![imu], 3).log.sensor_readings);
+        let [scans] = &log.scans[..] else { panic!("{} scans", log.scans.len()) };
+        // the first sample is held from the start; each later one is read where its latency is over
+        let later =
+            (0..log.len()).filter(|k| *k > latency as usize && (k - latency as usize).is_multiple_of(every as usize));
+        let want: Vec<f64> = [0].into_iter().chain(later).map(|k| log.time[k]).collect();
+        assert_eq!(scans.time, want, "every {every}, late by {latency}");
+        assert_eq!(scans.readings.len(), scans.len() * eye.model.channels().len());
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("eye.csv");
+        scans.write_csv(&path).unwrap();
+        let text = std::fs::read_to_string(&path).unwrap();
+        assert_eq!(text.lines().count(), 1 + scans.len());
+        let head = text.lines().next().unwrap();
+        assert!(head.starts_with("time [s],") && head.split(',').count() == 1 + scans.channels.len());
+        let (size, told) = (text.len() as f64, scans.csv_size() as f64);
+        assert!((told / size - 1.0).abs() < 0.2, "{told} bytes told, {size} written");
+    }
 }
 
 #[test]

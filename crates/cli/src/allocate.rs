@@ -31,8 +31,7 @@ Examples:
   omnidrones allocate firefly                                 hover
   omnidrones allocate firefly --wrench 0,0,15,0.5,0,0.2       forces [N], then moments [N m]
   omnidrones allocate firefly --fail 2                        hover without rotor 2
-  omnidrones allocate hummingbird --wrench 0,0,12,1,0,1 --yaw-last
-                                                              thrust, roll and pitch first, yaw with what is left
+  omnidrones allocate hummingbird --wrench 0,0,12,1,0,1 --yaw-last   thrust, roll and pitch first, yaw with what is left
   omnidrones allocate omav --gradient                         and how each thrust answers to each axis
   omnidrones allocate firefly --wrench 0,0,30,2,0,0 --plot wrench.png
 

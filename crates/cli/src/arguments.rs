@@ -303,6 +303,7 @@ impl Outputs {
     pub fn put(&mut self, name: &str, write: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
         let path = self.folder.join(name);
         write(&path)?;
+        files::note_saved(&path);
         self.written.push(path);
         Ok(())
     }

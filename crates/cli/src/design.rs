@@ -132,6 +132,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     if let Some((file, as_json)) = save {
         let text = if as_json { format!("{:#}\n", found.plant.to_json()) } else { found.plant.to_csv() };
         files::replace(file, text.as_bytes())?;
+        files::note_saved(file);
     }
     draw(a, &source, (&gains, &gains_name), (&found, plants.as_ref()), stable)?;
     let written: Vec<PathBuf> = a.output.plot.iter().chain(&a.save).chain(&a.report).cloned().collect();

@@ -257,9 +257,9 @@ pub fn sheet(page: &mut Page, vehicle: &Vehicle) -> Result<()> {
             page.line(format!("  {n} of {all} pairs lost together: {}{which}", capability.name()));
         }
     }
-    page.paragraph(format!(
-        "  margin: distance of hover to the edge of what the rotors can make in thrust, roll, pitch and yaw, moments\n  \
-         divided by {} m; less than {} % of the weight counts as none. 'omnidrones fly {} --fail 0' shows what\n  becomes of it.",
+    page.prose(format!(
+        "  margin: distance of hover to the edge of what the rotors can make in thrust, roll, pitch and yaw, moments \
+         divided by {} m; less than {} % of the weight counts as none. 'omnidrones fly {} --fail 0' shows what becomes of it.",
         short(table.whole.steered.length, 3),
         short(100.0 * LEAST_MARGIN, 2),
         shown(&vehicle.name)

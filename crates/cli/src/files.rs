@@ -6,10 +6,31 @@ use serde::de::DeserializeOwned;
 use std::fs::DirEntry;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
 /// Writes a file of a folder of ours, whole or not at all: what bears its name is replaced, and no link followed.
 pub fn replace(path: &Path, text: &[u8]) -> Result<()> {
     internals::replace(path, text)
+}
+
+/// Files that the command has saved whole, for whoever ends it.
+static SAVED: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+
+/// Notes a file that is saved.
+pub fn note_saved(path: &Path) {
+    SAVED.lock().unwrap_or_else(PoisonError::into_inner).push(path.to_path_buf());
+}
+
+/// What was saved when a command is ended before its end.
+pub fn saved_so_far() -> String {
+    let saved = SAVED.lock().unwrap_or_else(PoisonError::into_inner);
+    let (first, rest) = (saved.iter().take(4), saved.len().saturating_sub(4));
+    let names: Vec<String> = first.map(|path| path.display().to_string()).collect();
+    let more = if rest > 0 { format!(" and {rest} more") } else { String::new() };
+    match &names[..] {
+        [] => "no result was saved, and no file is left half written".into(),
+        names => format!("{}{more} saved; no other file is left half written", names.join(", ")),
+    }
 }
 
 /// Largest configuration file (settings, gains, reference), bytes.
@@ -308,6 +329,19 @@ mod tests {
             assert!(!Path::new("/dev/full").is_file());
         }
         assert_eq!(std::fs::read_dir(folder.path().join("a")).unwrap().count(), 1, "nothing is left beside it");
+    }
+
+    #[test]
+    fn who_ends_a_command_is_told_what_it_saved() {
+        for n in [1, 4, 7] {
+            SAVED.lock().unwrap().splice(.., (0..n).map(|i| PathBuf::from(format!("out/{i}.csv"))));
+            let told = saved_so_far();
+            assert!(told.starts_with("out/0.csv") && told.contains("saved;"), "{told}");
+            assert_eq!(told.matches(".csv").count(), n.min(4), "{told}");
+            assert_eq!(told.contains("and 3 more"), n == 7, "{told}");
+        }
+        SAVED.lock().unwrap().clear();
+        assert!(saved_so_far().starts_with("no result was saved"));
     }
 
     #[test]

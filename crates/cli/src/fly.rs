@@ -84,7 +84,7 @@ Examples:
   omnidrones fly hummingbird --fail 0 --no-ground     how a quadrotor falls without a rotor, wherever the ground is
 
 Files in --out: overview, path, error, rotors, attitude, rates (.png or .svg), and with --csv flight.csv (one line per step, \
-units in the header; under a cascade with the thrust, attitude and body rates that its levels commanded; with --sensors their readings), with --npz flight.npz (the same as arrays, and the state). With --beside also beside, with --replay replay.html. Of a configuration also joints (angles) and with --csv joints.csv; with --sensors sensor_NAME; of a drop only drop, drop.csv, replay.html.
+units in the header; under a cascade with the thrust, attitude and body rates that its levels commanded; with --sensors their readings, but of cameras and lidars, which have sensor_NAME.csv, one line per reading), with --npz flight.npz (the same as arrays, and the state). With --beside also beside, with --replay replay.html. Of a configuration also joints (angles) and with --csv joints.csv; with --sensors sensor_NAME; of a drop only drop, drop.csv, replay.html.
 
 The tracking RMSE is the root mean square distance to the reference after the first 2 s (over the whole flight if it is \
 no longer than that); so is the heading's, against the reference's yaw.

@@ -15,6 +15,7 @@ td,th{padding:.15em .9em .15em 0;text-align:left;vertical-align:top}th{border-bo
 td{white-space:nowrap}td.note,td:last-child:not(.r){white-space:normal}.r{text-align:right}.wide{overflow-x:auto;max-width:100%}figure{margin:1em 0}svg{max-width:100%;height:auto}\
 h3{font-size:1em;margin:1.2em 0 .3em}pre{background:#f6f8fa;padding:.6em .9em;overflow-x:auto}summary{cursor:pointer}\
 iframe{display:block;width:100%;height:560px;border:1px solid #dee2e6;border-radius:6px}\
+@media(max-width:600px){.facts tr{display:grid;grid-template-columns:8.5em 1fr}.facts td{white-space:normal;overflow-wrap:anywhere}.facts .note{grid-column:2}}\
 @media print{body{margin:0;max-width:none;font-size:11px}table,figure{break-inside:avoid}h2{break-after:avoid}iframe{display:none}}";
 
 /// A page as a file for a browser; its first title is that of the file.
@@ -29,13 +30,13 @@ pub fn html(page: &Page) -> String {
             Block::Heading(name) => writeln!(body, "<h2>{}</h2>", escaped(name)),
             Block::Subheading(name) => writeln!(body, "<h3>{}</h3>", escaped(name)),
             // indented as text
-            Block::Line(text) => writeln!(body, "<p>{}</p>", by_lines(text.trim(), escaped)),
+            Block::Line(text) | Block::Prose(text) => writeln!(body, "<p>{}</p>", by_lines(text.trim(), escaped)),
             Block::Notes(word, texts) => {
                 texts.iter().try_for_each(|text| writeln!(body, "<p>{} {}</p>", escaped(word), escaped(text)))
             }
             Block::Facts(facts) => {
                 let rows: String = facts.iter().map(fact).collect();
-                writeln!(body, "<div class=\"wide\"><table>\n{rows}</table></div>")
+                writeln!(body, "<div class=\"wide\"><table class=\"facts\">\n{rows}</table></div>")
             }
             Block::Table(own) => table(&mut body, own),
             Block::Figure(svg, _) => writeln!(body, "<figure>{}</figure>", svg.trim()),
@@ -89,7 +90,7 @@ pub fn markdown(page: &Page) -> String {
             }
             Block::Heading(name) => writeln!(text, "## {}", plain(name)),
             Block::Subheading(name) => writeln!(text, "### {}", plain(name)),
-            Block::Line(line) => writeln!(text, "{}", by_lines(line.trim(), plain)),
+            Block::Line(line) | Block::Prose(line) => writeln!(text, "{}", by_lines(line.trim(), plain)),
             Block::Notes(word, texts) => {
                 texts.iter().try_for_each(|line| writeln!(text, "- {} {}", plain(word), plain(line)))
             }

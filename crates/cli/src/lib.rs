@@ -168,7 +168,7 @@ Exit codes: 0 done; 1 ran, but the flight, the tuning or a training failed; 2 un
 
 #[derive(Debug, Parser)]
 #[command(name = "omnidrones", version, about = "A differentiable multirotor simulator", long_about = LONG_ABOUT,
-          after_help = AFTER_HELP, max_term_width = 100, subcommand_required = true, arg_required_else_help = true)]
+          after_help = AFTER_HELP, max_term_width = HELP_COLUMNS as usize, subcommand_required = true, arg_required_else_help = true)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -287,17 +287,29 @@ fn left(of: &internals::Left) -> String {
 /// Ends the process. Half a file is nobody's.
 fn end(told: Vec<String>) -> ! {
     let _writes_end = internals::remove_unfinished();
-    let nothing = "no file is left half written".to_string();
-    for line in if told.is_empty() { vec![nothing] } else { told } {
+    for line in if told.is_empty() { vec![files::saved_so_far()] } else { told } {
         let _ = writeln!(std::io::stderr(), "stopped: {}", words::shown(&line));
     }
     std::process::exit(130);
+}
+
+/// Most columns of a help text.
+const HELP_COLUMNS: u16 = 100;
+
+/// Help whose examples fit the window.
+fn with_examples(command: clap::Command) -> clap::Command {
+    let columns = table::window().map_or(usize::from(HELP_COLUMNS), |own| own.min(HELP_COLUMNS.into()));
+    let [below, long] = [command.get_after_help(), command.get_after_long_help()]
+        .map(|text| text.map(|text| words::fitting(&text.to_string(), columns)));
+    let command = below.into_iter().fold(command, clap::Command::after_help);
+    long.into_iter().fold(command, clap::Command::after_long_help)
 }
 
 /// The commands, whose options take negative numbers: what is below its range is then named with its limits, not as an unknown option.
 fn command() -> clap::Command {
     fn open(command: clap::Command) -> clap::Command {
         let takes = |arg: &clap::Arg| arg.get_action().takes_values() && !arg.is_positional();
+        let command = with_examples(command);
         command.mut_args(|arg| if takes(&arg) { arg.allow_negative_numbers(true) } else { arg }).mut_subcommands(open)
     }
     open(Cli::command())

@@ -139,6 +139,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     if let Some((file, as_json)) = save {
         let text = if as_json { format!("{:#}\n", model.to_json()) } else { model.to_csv() };
         files::replace(file, text.as_bytes())?;
+        files::note_saved(file);
     }
     if a.json {
         let value = json!({

@@ -1,7 +1,7 @@
 //! What a command tells: headings, facts, tables, notes, drawings; written as text here, by `html.rs` for a browser.
 
 use super::table::{Table, window};
-use super::words::{shown, shown_lines, wrapped};
+use super::words::{fitting, shown, shown_lines, wrapped};
 use std::fmt::Write;
 use std::io::IsTerminal;
 use std::path::PathBuf;
@@ -15,6 +15,8 @@ pub enum Block {
     Subheading(String),
     /// A line, or a paragraph.
     Line(String),
+    /// Sentences, in lines as long as there is room.
+    Prose(String),
     /// Names, values and remarks in three columns.
     Facts(Vec<Fact>),
     Table(Table),
@@ -109,6 +111,11 @@ impl Page {
         self.push(Block::Line(text.into()))
     }
 
+    /// Sentences of our own in one line, broken between words.
+    pub fn prose(&mut self, text: impl Into<String>) -> &mut Self {
+        self.push(Block::Prose(text.into()))
+    }
+
     /// Lines below a heading, if there are any.
     pub fn lines<S: Into<String>>(&mut self, heading: &str, texts: impl IntoIterator<Item = S>) -> &mut Self {
         let mut texts = texts.into_iter().peekable();
@@ -183,8 +190,13 @@ impl Page {
                 Block::Heading(name) | Block::Subheading(name) => writeln!(out, "\n{}", paint("1", name)),
                 Block::Line(text) => match text.strip_prefix("\nFAILED") {
                     Some(why) => writeln!(out, "\n{}{}", painted("1;31", "FAILED"), broken(shown_lines(why), 6, 2)),
-                    None => writeln!(out, "{}", broken(shown_lines(text), 0, 0)),
+                    None => {
+                        writeln!(out, "{}", width.map_or(shown_lines(text), |own| fitting(&shown_lines(text), own)))
+                    }
                 },
+                Block::Prose(text) => {
+                    writeln!(out, "{}", wrapped(&shown_lines(text), width.unwrap_or(USUAL), 0, 0))
+                }
                 Block::Facts(facts) => aligned(&mut out, facts, width, &painted),
                 Block::Table(table) => write!(out, "{}", table.render(styled, width)),
                 Block::Notes(word, texts) => texts.iter().try_for_each(|text| {
@@ -198,6 +210,9 @@ impl Page {
         out
     }
 }
+
+/// Columns of sentences where nobody knows how many there are.
+const USUAL: usize = 110;
 
 /// A remark in fewer columns is read word by word: it goes below what it remarks on.
 const NARROW: usize = 28;
@@ -274,7 +289,7 @@ mod tests {
             Fact::new("simulated", "15 s").note("7500 steps of 2 ms"),
             Fact::new("warning", "").note("short"),
         ]);
-        page.line("  away from rest; of a universal joint both hinges together, each by its own angle");
+        page.prose("  away from rest; of a universal joint both hinges together, each by its own angle");
         page.notes(
             "warning:",
             &["the policy was trained on 'iris' of 1.52 kg; it flies another one".to_string()],

@@ -153,6 +153,7 @@ pub fn train(asked: &Asked<'_>, folder: &Path, threads: &Threads, bar: &indicati
     if known.as_ref() != Some(&row) {
         let text = serde_json::to_string_pretty(&row).unwrap_or_default();
         files::replace(&path, (text + "\n").as_bytes())?;
+        files::note_saved(&path);
     }
     row.runs.retain(|run| run.seed < asked.seeds);
     Ok(row)

@@ -1,6 +1,6 @@
 //! Tables for people: aligned numbers, units in the header, bold headers on a terminal only.
 
-use super::words::{shown, shown_lines};
+use super::words::{shown, wrapped};
 use comfy_table::{Attribute, Cell, CellAlignment, ColumnConstraint, ContentArrangement, LineStyle, TableStyle, Width};
 use std::io::IsTerminal;
 
@@ -18,6 +18,7 @@ pub enum Align {
 pub struct Table {
     columns: Vec<(String, Align)>,
     rows: Vec<Vec<String>>,
+    has_sentences: bool,
 }
 
 impl Table {
@@ -27,7 +28,7 @@ impl Table {
             Some(name) => (name.into(), Align::Right),
             None => (header.trim().into(), Align::Left),
         };
-        Self { columns: headers.split('|').map(column).collect(), rows: Vec::new() }
+        Self { columns: headers.split('|').map(column).collect(), rows: Vec::new(), has_sentences: false }
     }
 
     /// With more columns, named by data.
@@ -46,17 +47,15 @@ impl Table {
 
     /// Appends a row of cells of one line each; missing cells stay empty, surplus ones are dropped.
     pub fn row<S: Into<String>>(&mut self, cells: impl IntoIterator<Item = S>) -> &mut Self {
-        self.push(cells.into_iter().map(|cell| shown(&cell.into())).collect())
-    }
-
-    /// The same of cells whose lines are our own.
-    pub fn row_of_lines<S: Into<String>>(&mut self, cells: impl IntoIterator<Item = S>) -> &mut Self {
-        self.push(cells.into_iter().map(|cell| shown_lines(&cell.into())).collect())
-    }
-
-    fn push(&mut self, mut row: Vec<String>) -> &mut Self {
+        let mut row: Vec<String> = cells.into_iter().map(|cell| shown(&cell.into())).collect();
         row.resize(self.columns.len(), String::new());
         self.rows.push(row);
+        self
+    }
+
+    /// With sentences in its cells, which are broken where they are long.
+    pub fn with_sentences(mut self) -> Self {
+        self.has_sentences = true;
         self
     }
 
@@ -117,6 +116,7 @@ impl Table {
         Self {
             columns: columns.iter().map(|i| self.columns[*i].clone()).collect(),
             rows: self.rows.iter().map(pick).collect(),
+            has_sentences: self.has_sentences,
         }
     }
 
@@ -150,9 +150,13 @@ impl Table {
             let cell = Cell::new(name).set_alignment(alignment(*align));
             if styled { cell.add_attribute(Attribute::Bold) } else { cell }
         }));
+        let lines = |text: &String| match width {
+            None if self.has_sentences => wrapped(text, SENTENCE, 0, 0),
+            _ => text.clone(),
+        };
         for row in &self.rows {
             let cells = row.iter().zip(&self.columns);
-            table.add_row(cells.map(|(text, (_, align))| Cell::new(text).set_alignment(alignment(*align))));
+            table.add_row(cells.map(|(text, (_, align))| Cell::new(lines(text)).set_alignment(alignment(*align))));
         }
         for i in 0..self.columns.len() {
             let least = u16::try_from(PADDING + self.longest_word(i)).unwrap_or(u16::MAX);
@@ -164,6 +168,8 @@ impl Table {
     }
 }
 
+/// Columns of a sentence in a cell where there is room for it.
+const SENTENCE: usize = 48;
 /// Around the text of a cell, between two cells, and before every line, characters.
 const PADDING: usize = 2;
 const BETWEEN: usize = 1;

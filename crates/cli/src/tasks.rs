@@ -2,7 +2,6 @@
 
 use super::environment::{self, EnvArguments, QUANTITIES, usual_vehicle};
 use crate::prelude::*;
-use crate::words::wrapped;
 use omnidrones::controllers::cascade::Level;
 use omnidrones::tasks::randomise::Action;
 use omnidrones::tasks::registry::{self, Entry, REGISTRY};
@@ -103,11 +102,11 @@ fn list(config: &EnvConfig, as_json: bool) -> Result<Report> {
         }
     }
     page.table(table);
-    page.line(format!(
-        "\n'sees' and 'acts' count the numbers of one agent's observation and action in a step of {} s, 'steps' those of",
+    page.prose(format!(
+        "\n'sees' and 'acts' count the numbers of one agent's observation and action in a step of {} s, 'steps' those of \
+         an episode; 'best' is the largest reward of a step, which all agents of a team share.\n",
         short(config.dt, 3)
     ));
-    page.line("an episode; 'best' is the largest reward of a step, which all agents of a team share.\n");
     page.line("omnidrones tasks TASK prints one in full, omnidrones rollout TASK flies it.");
     Ok(Report::page(&page, true))
 }
@@ -153,10 +152,9 @@ impl Described {
         let (spec, own) = (self.env.spec(), self.env.task_spec());
         page.title(self.entry.name, self.entry.description).facts(self.facts());
         page.heading("Goal, start, success, loss of training");
-        lines(&mut page, "", &self.about());
-        let success = format!("{} (not terminated; nothing else counts)", own.success.text());
-        lines(&mut page, "Success: ", &success);
-        lines(&mut page, "Loss: ", &own.loss_text());
+        page.prose(format!("  {}", self.about()));
+        page.prose(format!("  Success: {} (not terminated; nothing else counts)", own.success.text()));
+        page.prose(format!("  Loss: {}", own.loss_text()));
         match whole_numbers(spec) {
             None => page.heading("Action, each number clipped to [−1, 1]"),
             Some(how) => page.heading("Commands behind the action").line(format!("  {how}\n")),
@@ -303,11 +301,11 @@ impl Described {
     }
 
     fn settings(&self) -> Table {
-        let mut table = Table::new("key in [task] | default | meaning");
+        let mut table = Table::new("key in [task] | default | meaning").with_sentences();
         let defaults = self.entry.default_config().map(|c| c.task).unwrap_or_default();
         for s in &self.env.task_spec().settings {
             let default = defaults.get(&s.key).unwrap_or(&s.default).to_string();
-            table.row_of_lines([&s.key, &default, &wrapped(&s.text(), 48, 0, 0)]);
+            table.row([&s.key, &default, &s.text()]);
         }
         table
     }
@@ -375,21 +373,14 @@ fn drives(env: &Env) -> Vec<(usize, String)> {
     all.chunk_by(|a, b| a == b).map(|group| (group.len(), group[0].clone())).collect()
 }
 
-/// A paragraph behind a word, cut between words.
-fn lines(page: &mut Page, head: &str, text: &str) {
-    for line in wrapped(&format!("{head}{text}"), 110, 0, 0).lines() {
-        page.line(format!("  {line}"));
-    }
-}
-
 /// Fields with their places.
 fn fields(fields: &[Field]) -> Table {
-    let mut table = Table::new(">place | name | >size | unit, frame | meaning");
+    let mut table = Table::new(">place | name | >size | unit, frame | meaning").with_sentences();
     let mut at = 0;
     for s in fields {
         let place = if s.size == 1 { at.to_string() } else { format!("{at}–{}", (at + s.size).saturating_sub(1)) };
         at += s.size;
-        table.row_of_lines([&place, &s.name, &s.size.to_string(), &s.unit, &wrapped(&s.meaning, 48, 0, 0)]);
+        table.row([&place, &s.name, &s.size.to_string(), &s.unit, &s.meaning]);
     }
     table.row(["", "all", &total(fields).to_string()]);
     table

@@ -32,7 +32,7 @@ Examples:
   omnidrones train Hover --vehicle crazyflie           on another drone
   omnidrones train Track --algo ppo --updates 100      with another algorithm, for 100 updates
   omnidrones train Hover --algo sac                    from kept experience, without gradients of the physics
-  omnidrones train Hover --set apg.horizon=32           with another setting
+  omnidrones train Hover --set apg.horizon=32          with another setting
   omnidrones train Hover --envs 128 --horizon 300      more environments, shorter episodes
   omnidrones train Hover --randomise mass:0.7:1.3      of another mass in every episode
   omnidrones train Hover --toml                        every setting, as a file for --config

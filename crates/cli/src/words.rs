@@ -57,6 +57,47 @@ pub fn wrapped(text: &str, width: usize, first: usize, hang: usize) -> String {
     out
 }
 
+/// A remark in fewer columns is read word by word: it goes below its command.
+const NARROW: usize = 24;
+
+/// Lines of our own in `width` columns: remarks behind commands and settings stay in their column, and comments stay comments.
+pub fn fitting(text: &str, width: usize) -> String {
+    text.split('\n').map(|line| fitting_line(line, width)).collect::<Vec<_>>().join("\n")
+}
+
+fn fitting_line(line: &str, width: usize) -> String {
+    if line.chars().count() <= width {
+        return line.to_string();
+    }
+    let indent = " ".repeat(line.len() - line.trim_start_matches(' ').len());
+    let comment = |text: &str, lead: &str| {
+        let lines = wrapped(text, width.saturating_sub(lead.chars().count() + 2), 0, 0);
+        lines.split('\n').map(|own| format!("{lead}# {own}")).collect::<Vec<_>>().join("\n")
+    };
+    if let Some(text) = line.trim_start_matches(' ').strip_prefix("# ") {
+        return comment(text, &indent);
+    }
+    if let Some((setting, text)) = line.split_once("  # ").filter(|(setting, _)| setting.contains(" = ")) {
+        let setting = setting.trim_end_matches(' ');
+        return format!("{}\n{setting}", comment(text, &indent));
+    }
+    let Some((command, remark)) = example(line) else {
+        return wrapped(line, width, 0, if line.starts_with("  omnidrones ") { 4 } else { 0 });
+    };
+    let column = line.chars().count() - remark.chars().count();
+    if column + NARROW <= width {
+        return wrapped(line, width, 0, column);
+    }
+    format!("{}\n{}", wrapped(command, width, 0, 4), wrapped(&format!("      {remark}"), width, 0, 6))
+}
+
+/// A command of ours and the remark behind it.
+fn example(line: &str) -> Option<(&str, &str)> {
+    let command = line.strip_prefix("  omnidrones ")?;
+    let at = line.len() - command.len() + command.find("  ")?;
+    Some((&line[..at], line[at..].trim_start()))
+}
+
 /// `v` to `digits` significant digits: plain from 0.001 to 99999, else with an exponent; a dash where not finite.
 pub fn short(v: f64, digits: usize) -> String {
     if !v.is_finite() {
@@ -154,6 +195,44 @@ mod tests {
             assert!(narrow.lines().filter(|l| longest(l) > 0).all(|l| l.starts_with("  ")), "{narrow}");
         }
         assert_eq!(wrapped("ab cd ef", 10, 6, 6), "ab\n      cd\n      ef");
+    }
+
+    #[test]
+    fn a_remark_stays_in_its_column_or_goes_below_its_command() {
+        let text = "Examples:\n  omnidrones fly iris        with a remark of seven words and more\n  omnidrones tune iris       short\n\nprose";
+        assert_eq!(fitting(text, 100), text);
+        for width in [36, 44, 52, 60, 64] {
+            let narrow = fitting(text, width);
+            assert!(narrow.lines().all(|line| line.chars().count() <= width), "{width}\n{narrow}");
+            let words = |s: &str| s.split_whitespace().map(String::from).collect::<Vec<_>>();
+            assert_eq!(words(&narrow), words(text));
+            assert!(narrow.lines().filter(|l| l.starts_with("  o")).count() == 2, "{width}\n{narrow}");
+            let second = narrow.lines().nth(2).unwrap();
+            let indent = second.len() - second.trim_start().len();
+            assert!(width >= 63 || indent == if 29 + NARROW <= width { 29 } else { 6 }, "{width}\n{narrow}");
+        }
+    }
+
+    #[test]
+    fn a_long_command_goes_on_behind_its_beginning() {
+        let text = "  omnidrones train Hover --search apg.n_env=32,64 --search seed=1,2";
+        assert_eq!(fitting(text, 56), text.replace(" --search seed", "\n    --search seed"));
+        assert_eq!(fitting(text, 80), text);
+    }
+
+    #[test]
+    fn settings_stay_a_file_in_every_width() {
+        let text = "  # what a comment says, in more words than a narrow window has columns\n  \
+                    rate = 300.0        # largest angular velocity of the vehicle, rad/s\n  short = 1    # yes";
+        let parsed = |text: &str| text.parse::<toml::Table>().unwrap();
+        for width in [24, 40, 60, 80, 200] {
+            let narrow = fitting(text, width);
+            assert!(narrow.lines().all(|line| line.chars().count() <= width), "{width}\n{narrow}");
+            assert_eq!(parsed(&narrow), parsed(text), "{width}");
+            for word in ["columns", "vehicle,", "rad/s", "yes"] {
+                assert!(narrow.contains(word), "{width}: {word}\n{narrow}");
+            }
+        }
     }
 
     #[test]

@@ -144,7 +144,27 @@ impl Canvas {
             "<svg width=\"{:.0}\" height=\"{:.0}\" stroke-linejoin=\"round\" stroke-linecap=\"butt\"",
             self.width, self.height
         );
-        Ok(text.replacen(&drawn, &shown, 1))
+        Ok(self.with_widths(&text.replacen(&drawn, &shown, 1)))
+    }
+
+    /// An SVG document whose longer texts are as wide as they were laid out, whatever face a reader has in place of ours.
+    fn with_widths(&self, svg: &str) -> String {
+        let texts = self.shapes.iter().filter_map(|shape| match shape {
+            Shape::Text { text, em, .. } => Some((text, em)),
+            _ => None,
+        });
+        let mut parts = svg.split("<text ");
+        let mut out = parts.next().unwrap_or_default().to_string();
+        let mut texts = texts.fuse();
+        for part in parts {
+            out += "<text ";
+            if let Some((text, em)) = texts.next().filter(|(text, _)| text.chars().count() > SHORT) {
+                let width = font::width(text, *em) * SVG_STEPS;
+                out += &format!("textLength=\"{width:.0}\" lengthAdjust=\"spacingAndGlyphs\" ");
+            }
+            out += part;
+        }
+        out
     }
 
     /// Width, height and RGB bytes, row by row from the top, of a picture of `per_unit` pixels per unit.
@@ -212,6 +232,9 @@ impl Canvas {
 fn drawing(path: impl AsRef<Path>, error: impl std::fmt::Display) -> Error {
     Error::file(path, std::io::Error::other(error.to_string()))
 }
+
+/// Letters of a text that another face does not make so wide that it meets the next one.
+const SHORT: usize = 6;
 
 /// Means over blocks of SAMPLES × SAMPLES pixels.
 fn average(big: &[u8], w: usize, h: usize) -> Vec<u8> {
@@ -322,6 +345,25 @@ mod tests {
                     assert!(along - before > -room && along - before + wide < end + room, "{anchor:?} {x}: {text}");
                 }
             }
+        }
+    }
+
+    #[test]
+    fn a_reader_without_our_face_is_told_how_wide_every_longer_text_is() {
+        let mut canvas = Canvas::new(400.0, 300.0);
+        let texts = ["0.5", "limit of a success, 0.3 m", "time [s]", "a <text > in a name", "1"];
+        for (i, text) in texts.iter().enumerate() {
+            canvas.text((20.0, 20.0 + 30.0 * i as f64), text, 11.0, Colour::INK, Anchor::Start, i == 2);
+        }
+        let svg = canvas.svg().unwrap();
+        let told: Vec<&str> = svg.split("<text ").skip(1).collect();
+        assert_eq!(told.len(), texts.len(), "{svg}");
+        for (part, text) in told.iter().zip(texts) {
+            let width = part.strip_prefix("textLength=\"").map(|rest| rest.split('"').next().unwrap());
+            let width: Option<f64> = width.map(|width| width.parse().unwrap());
+            assert_eq!(width.is_some(), text.len() > SHORT, "{part}");
+            let own = font::width(text, 11.0) * SVG_STEPS;
+            assert!(width.is_none_or(|width| (width - own).abs() <= 0.5), "{part}: {own}");
         }
     }
 }

@@ -11,7 +11,7 @@ use std::time::Instant;
 
 /// What is said of a step that lies on a kink.
 const KINK: &str = "  the flown step lies on a kink: motors at the speed they are commanded have one lag up and another down, or a command is at \
-                    its limit;\n  judged beside it, with speeds moved by 2 % of the largest";
+                    its limit; judged beside it, with speeds moved by 2 % of the largest";
 
 /// One system's Jacobian at a point, derived three ways.
 struct Row {
@@ -132,7 +132,7 @@ impl Derivatives {
             page.table(self.table());
             page.line(self.remark());
             if self.beside_kink {
-                page.paragraph(KINK);
+                page.prose(KINK);
             }
         }
         if let Some(line) = self.gradient_line() {

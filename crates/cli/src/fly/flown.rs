@@ -14,10 +14,10 @@ use omnidrones::controllers::linear::{StepFigures, step_figures};
 use omnidrones::controllers::reference::Hover;
 use omnidrones::controllers::{Flight, FlightPlan, Judgement, Note, Reference, RotorFailure};
 use omnidrones::dynamics::aero::wind::Wind;
-use omnidrones::dynamics::sensors::SensorConfig;
+use omnidrones::dynamics::sensors::{Layout, SensorConfig};
 use omnidrones::dynamics::tree::{Motion, Multibody};
 use omnidrones::dynamics::{Plant, Quantity};
-use omnidrones::flight::{Commanded, FlightSummary};
+use omnidrones::flight::{Commanded, FlightSummary, Scans};
 use omnidrones::internals;
 use omnidrones_plot::flight::FlightFigures;
 use omnidrones_plot::robot::{JointHistory, RobotFigures, joints};
@@ -36,7 +36,7 @@ pub(super) fn write(
 ) -> Result<()> {
     if let Some(extension) = outputs.plots {
         let spinner = progress::spinner("drawing", a.output.json);
-        outputs.written.extend(match plant.tree() {
+        let drawn = match plant.tree() {
             Some(system) => {
                 RobotFigures::new(system, &flight.log, &flight.states, after).save(&outputs.folder, extension)?
             }
@@ -46,25 +46,33 @@ pub(super) fn write(
                 let figures = events.fold(figures, |figures, (at, name)| figures.event(&name, at));
                 figures.save(&outputs.folder, extension)?
             }
-        });
+        };
+        drawn.iter().for_each(|path| files::note_saved(path));
+        outputs.written.extend(drawn);
         for (name, figure) in sensor_figures(sensors, &flight.log) {
-            outputs.draw(&format!("sensor_{}", name.replace('/', "~")), || figure)?;
+            outputs.draw(&sensor_file(&name), || figure)?;
         }
         spinner.finish_and_clear();
     }
     if a.csv {
         let size = flight.log.csv_size();
         let spinner = progress::spinner(&format!("writing CSV, about {}B", count(size as f64)), a.output.json);
-        tell_size("flight.csv", size, flight.log.csv_header().len(), a);
+        tell_size("flight.csv", size, a);
         outputs.put("flight.csv", |path| flight.log.write_csv(path))?;
         if let Some(system) = plant.tree().filter(|system| !joints(system, &[]).is_empty()) {
             outputs.text("joints.csv", joint_csv(system, flight))?;
+        }
+        for scans in &flight.log.scans {
+            let name = format!("{}.csv", sensor_file(&scans.sensor));
+            tell_size(&name, scans.csv_size(), a);
+            outputs.put(&name, |path| scans.write_csv(path))?;
         }
         spinner.finish_and_clear();
     }
     if a.npz {
         let width = flight.log.csv_header().len() + flight.states.len() / flight.log.len().max(1);
-        tell_size("flight.npz", (8 * width * flight.log.len()) as u64, width, a);
+        let scanned: usize = flight.log.scans.iter().map(|scans| scans.readings.len()).sum();
+        tell_size("flight.npz", (8 * (width * flight.log.len() + scanned)) as u64, a);
         outputs.put("flight.npz", |path| write_npz(path, plant, flight))?;
     }
     Ok(())
@@ -73,15 +81,30 @@ pub(super) fn write(
 /// Larger logs are told of before they are written, bytes.
 const LARGE: u64 = 50_000_000;
 
-/// Says how large a log gets, and what makes it so, before it takes the disk.
-fn tell_size(name: &str, bytes: u64, width: usize, a: &Arguments) {
+/// Says how large a log gets before it takes the disk.
+fn tell_size(name: &str, bytes: u64, a: &Arguments) {
     if bytes < LARGE || a.output.json {
         return;
     }
     use std::io::Write as _;
-    let why = if a.sensors.is_some() { ": --sensors puts every pixel and beam into every step" } else { "" };
-    let told = format!("{name}: {width} columns, about {}B{why}", count(bytes as f64));
-    let _ = writeln!(std::io::stderr(), "{told}");
+    let _ = writeln!(std::io::stderr(), "{name}: about {}B", count(bytes as f64));
+}
+
+/// Stem of the files of a sensor, whose name may hold a slash.
+fn sensor_file(name: &str) -> String {
+    format!("sensor_{}", name.replace('/', "~"))
+}
+
+/// Times and readings of a camera or lidar as arrays of its own shape: rows, columns, and channels of a pixel.
+fn write_scans(npz: &mut Npz<'_>, scans: &Scans) -> Result<()> {
+    let (n, name) = (scans.len(), sensor_file(&scans.sensor));
+    let shape = match scans.layout {
+        Layout::Image { height, width, channels } => vec![n, height, width, channels],
+        Layout::Lidar { rows, columns } => vec![n, rows, columns],
+        Layout::Vector => vec![n, scans.channels.len()],
+    };
+    npz.numbers(&format!("{name}_time"), &[n], &scans.time)?;
+    npz.numbers(&name, &shape, &scans.readings)
 }
 
 /// Arrays of all samples, with the whole state.
@@ -122,6 +145,7 @@ fn write_npz(path: &Path, plant: &Plant, flight: &Flight) -> Result<()> {
             npz.numbers("sensors", &[n, channels], &log.sensor_readings)?;
             npz.texts("sensors_columns", &[channels], &named(&log.sensor_channels))?;
         }
+        log.scans.iter().try_for_each(|scans| write_scans(npz, scans))?;
         npz.numbers("state", &[n, quantities.len()], &flight.states)?;
         npz.texts("state_columns", &[quantities.len()], &named(&quantities))
     })
@@ -388,7 +412,10 @@ impl Flown {
         let kind = sensor.model.kind();
         let body = sensor.on.as_deref().map_or_else(String::new, |on| format!(" on {on}"));
         let n = sensor.model.channels().len();
-        let columns = if n == 1 { "1 column".into() } else { format!("{n} columns") };
+        let columns = match sensor.model.layout() {
+            Layout::Vector => format!("{} of the log", counted(n, "column")),
+            _ => format!("{n} numbers a reading"),
+        };
         let dt = self.plan.physics.dt;
         // a flight that was flown had steps for both
         let every = sensor.steps_between(dt).map_or(f64::NAN, |n| n as f64 * dt);
@@ -396,7 +423,7 @@ impl Flown {
             Ok(n) if n > 0 => format!("{} late", duration(n as f64 * dt)),
             _ => "at once".into(),
         };
-        let note = format!("{} Hz, {late}; {columns} of the log", short(1.0 / every, 4));
+        let note = format!("{} Hz, {late}; {columns}", short(1.0 / every, 4));
         Fact::new(format!("sensor '{}'", sensor.name), format!("{kind}{body}")).note(note)
     }
 

@@ -496,3 +496,37 @@ fn a_command_that_is_told_to_end_leaves_nothing_half_written() {
     assert_eq!(child.wait().unwrap().code(), Some(130));
     assert_eq!(left_over(folder.path()), [""; 0]);
 }
+
+#[cfg(target_os = "linux")]
+#[test]
+fn every_long_command_ends_within_a_second_of_a_signal_and_says_that_nothing_was_saved() {
+    let plants = ["design", "firefly", "--spread", "0.3", "--samples", "1000", "--report", "report.html"];
+    let lines: [(&[&str], &str); 6] = [
+        (&["tune", "hummingbird", "--iterations", "100000", "--no-plots"], "INT"),
+        (&["tune", "firefly", "--margins", "--iterations", "100000", "--no-plots"], "TERM"),
+        (&plants, "INT"),
+        (&["recover", "hummingbird", "--plot", "map.png"], "HUP"),
+        (&["fly", "dragon", "--duration", "5000", "--csv", "--no-plots"], "INT"),
+        (&["rollout", "TransportHover", "--envs", "4096", "--csv", "--no-plots"], "TERM"),
+    ];
+    for (i, (line, signal)) in lines.into_iter().enumerate() {
+        let folder = temporary();
+        let mut own = Command::new("env");
+        own.args(["--default-signal=INT,HUP,TERM", env!("CARGO_BIN_EXE_omnidrones")]).args(line);
+        own.current_dir(folder.path()).stdout(Stdio::null()).stderr(Stdio::piped());
+        let mut child = own.spawn().unwrap();
+        // while it reads, and while it computes
+        std::thread::sleep(Duration::from_millis(300 + 400 * (i as u64 % 3)));
+        assert!(child.try_wait().unwrap().is_none(), "{line:?} was over before its signal");
+        let pid = child.id().to_string();
+        let told = Instant::now();
+        assert!(Command::new("kill").args([&format!("-{signal}"), &pid]).status().unwrap().success());
+        let output = child.wait_with_output().unwrap();
+        let took = told.elapsed();
+        let err = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(130), "{line:?}: {err}");
+        assert!(took < Duration::from_secs(1), "{line:?} took {took:?}");
+        assert!(err.contains("stopped: no result was saved"), "{line:?}: {err}");
+        assert_eq!(left_over(folder.path()), [""; 0], "{line:?}");
+    }
+}

@@ -75,7 +75,8 @@ fn numpy_and_pandas_read_what_was_flown() {
     let rollout =
         ["rollout", "Formation", "--envs", "3", "--horizon", "9", "--csv", "--npz", "--no-plots", "--out", "a"];
     exits(0, folder.path(), &rollout);
-    let fly = ["fly", "payload", "--duration", "1", "--csv", "--npz", "--sensors", "imu", "--no-plots", "--out", "b"];
+    let sensors = "imu,camera:diffphysdrone,lidar:omnidrones";
+    let fly = ["fly", "payload", "--duration", "1", "--csv", "--npz", "--sensors", sensors, "--no-plots", "--out", "b"];
     exits(0, folder.path(), &fly);
     let script = r#"
 import numpy as np, pandas as pd
@@ -103,6 +104,11 @@ assert f["time"].shape == (501,) and f["state"].shape == (501, len(f["state_colu
 for k, axis in enumerate("xyz"):
     assert np.array_equal(g[f"position_{axis} [m]"], f["position"][:, k])
 assert [g[name].to_numpy().shape for name in f["sensors_columns"]] == [(501,)] * f["sensors"].shape[1]
+for name in ("sensor_camera", "sensor_lidar"):
+    rows = pd.read_csv(f"b/{name}.csv")
+    assert np.array_equal(rows["time [s]"], f[name + "_time"]) and f[name].ndim >= 3
+    assert np.array_equal(rows.to_numpy()[:, 1:], f[name].reshape(len(rows), -1))
+    assert not any(n.startswith(name[7:]) for n in g.columns)
 for k, name in enumerate(f["rotor_names"]):
     assert np.array_equal(g[f"thrust_{k} [N]"], f["thrust"][:, k])
 print("read")
