@@ -171,17 +171,35 @@ fn page(told: &SearchResult, names: &[String], search: &Search, asked: &Asked<'_
     page
 }
 
+/// Between candidates that came to the same, as a share of the updates of the whole run.
+const APART: f64 = 0.012;
+
+/// Updates and success [%] of the candidates, the best first. Of those that came to the same each stands a little right of the one
+/// before: none hides another.
+fn beside_each_other(told: &SearchResult) -> Vec<Vec<(f64, f64)>> {
+    let whole = told.trials.iter().map(|trial| trial.updates).max().unwrap_or(0) as f64;
+    let mut taken: Vec<(u64, f64)> = Vec::new();
+    let mut place = |trial: &Trial| {
+        let success = 100.0 * trial.mean()[0];
+        let met = taken.iter().filter(|(at, other)| *at == trial.updates && (other - success).abs() < 1.0).count();
+        taken.push((trial.updates, success));
+        (trial.updates as f64 + APART * whole * met as f64, success)
+    };
+    let rungs = |candidate: usize| told.trials.iter().filter(move |trial| trial.candidate == candidate);
+    ranked(told).into_iter().map(|last| rungs(last.candidate).map(&mut place).collect()).collect()
+}
+
 /// Success of the candidates over updates.
 pub fn figure(told: &SearchResult, names: &[String], title: &str) -> Figure {
     let panel = Panel::new("Success of the candidates, rung by rung", "updates", "success [%]").y_range(-2.0, 104.0);
-    let panel = ranked(told).into_iter().rev().fold(panel, |panel, last| {
-        let rungs = told.trials.iter().filter(|trial| trial.candidate == last.candidate);
-        let points = rungs.map(|trial| (trial.updates as f64, 100.0 * trial.mean()[0])).collect();
+    let panel = panel.x_range(0.0, told.trials.iter().map(|trial| trial.updates).max().unwrap_or(1) as f64 * 1.05);
+    let series = ranked(told).into_iter().zip(beside_each_other(told)).map(|(last, points)| {
         let best = last.candidate == told.winner;
         let (name, colour, width) =
             if best { (names[told.winner].as_str(), Colour::BLUE, 1.8) } else { ("", Colour::SKY, 0.8) };
-        panel.series(Series::line(name, points).colour(colour).width(width).markers())
+        Series::line(name, points).colour(colour).width(width).markers()
     });
+    let panel = series.rev().fold(panel, Panel::series);
     let figure = Figure::new(title).subtitle("mean over seeds   ·   thick: the best").size(700.0, 420.0);
     figure.grid(&[1.0], &[1.0]).place((0, 0), (1, 1), panel)
 }
@@ -207,6 +225,7 @@ fn value(told: &SearchResult, names: &[String], asked: &Asked<'_>) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use omnidrones::rl::search::Score;
 
     #[test]
     fn values_are_read_as_in_a_file_and_combined() {
@@ -217,5 +236,22 @@ mod tests {
         assert_eq!(all[1].0, "apg.learning_rate.from=0.002 apg.network.hidden=[64] control=\"rate\"");
         assert_eq!(all[3].1[0].table()["apg"]["learning_rate"]["from"].as_float(), Some(0.005));
         assert!(axis("apg.n_env").is_err() && axis("=3").is_err() && axis("a=").is_err());
+    }
+
+    #[test]
+    fn candidates_that_come_to_the_same_stand_beside_each_other_and_others_where_they_are() {
+        for same in [1, 2, 5] {
+            let score = |success: f64| vec![Some(Score { success, share_of_bound: 0.5 })];
+            let trial =
+                |candidate: usize, success: f64| Trial { candidate, rung: 0, updates: 60, scores: score(success) };
+            let mut trials: Vec<Trial> = (0..same).map(|candidate| trial(candidate, 0.25)).collect();
+            trials.push(trial(same, 0.75));
+            let told = SearchResult { trials, winner: same, failures: Vec::new() };
+            let points = beside_each_other(&told).concat();
+            assert_eq!(points[0], (60.0, 75.0));
+            for (i, a) in points.iter().enumerate() {
+                assert!(points[..i].iter().all(|b| a != b) && a.0 < 1.06 * 60.0, "{points:?}");
+            }
+        }
     }
 }
