@@ -21,7 +21,10 @@ fn run_f64(program: &Program, inputs: &[f64]) -> Vec<f64> {
 }
 
 fn ops(program: &Program) -> Vec<Op> {
-    program.instructions.iter().map(|i| i.op).collect()
+    {
+    let op = |i: &Instruction| if let Action::Op(op, _) = i.action { Some(op) } else { None };
+    program.value_form().instructions().iter().filter_map(op).collect()
+}
 }
 
 #[test]
@@ -58,7 +61,7 @@ fn what_no_result_needs_is_dropped() {
     });
     assert!(recording.nodes.len() > 8);
     assert_eq!(ops(&program), [Op::Sub]);
-    assert_eq!((program.inputs.len(), program.n_slot()), (2, 2), "not even the third input is loaded");
+    assert_eq!((program.interpreter.inputs.len(), program.n_slot()), (2, 2), "not even the third input is loaded");
     assert_eq!(run_f64(&program, &[5.0, 3.0, f64::NAN]), [2.0]);
 }
 
