@@ -26,6 +26,8 @@ pub mod derivative;
 pub(crate) mod dual;
 pub mod jet;
 pub(crate) mod lanes;
+pub mod native;
+pub(crate) mod polynomials;
 pub mod program;
 pub mod rollout;
 pub mod safe;

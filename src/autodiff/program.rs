@@ -16,7 +16,7 @@ pub use super::columns::BLOCK;
 
 use self::runs::{Neutral, Run};
 use super::columns::{Columns, LINE, Lines};
-use super::custom::Operation;
+use super::custom::{Operation, Scratch};
 use super::lanes::dispatch;
 use super::scalar::Scalar;
 use super::trace::Recording;
@@ -75,7 +75,7 @@ struct Interpreter {
 #[derive(Debug, Clone)]
 pub struct Program {
     form: Arc<ValueForm>,
-    interpreter: Interpreter,
+    interpreter: Arc<Interpreter>,
 }
 
 /// Slots of one `f64` evaluation; made once, reused without allocation.
@@ -146,13 +146,18 @@ impl Program {
         Ok(Self::of_form(plan::Planner::new(&recording).run(), scheduled))
     }
 
-    fn of_form(form: ValueForm, scheduled: bool) -> Self {
+    pub(crate) fn of_form(form: ValueForm, scheduled: bool) -> Self {
         let interpreter = slots::interpreter(&form, scheduled);
-        Self { form: Arc::new(form), interpreter }
+        Self { form: Arc::new(form), interpreter: Arc::new(interpreter) }
     }
 
     /// The program as values: what it computes, in an order, with fusions decided.
     pub fn value_form(&self) -> &ValueForm {
+        &self.form
+    }
+
+    /// The same, to share.
+    pub(crate) fn form(&self) -> &Arc<ValueForm> {
         &self.form
     }
 
@@ -269,15 +274,19 @@ impl Program {
     }
 
     /// Eight evaluations side by side, each to the bits of [`Program::evaluate`]: `inputs[k]` holds input k of each, and
-    /// result k stays in the slot [`place(k)`](Self::place). For programs without calls.
-    pub(crate) fn evaluate_steps(&self, slots: &mut Lines, inputs: &[[f64; LINE]]) {
-        let Interpreter { runs, calls, inputs: read, .. } = &self.interpreter;
-        assert!(calls.is_empty(), "a program without calls");
+    /// result k stays in the slot [`place(k)`](Self::place). Calls are made for the first `n`.
+    pub(crate) fn evaluate_steps(&self, n: usize, slots: &mut Lines, inputs: &[[f64; LINE]]) {
+        let Interpreter { runs, calls, inputs: read, .. } = &*self.interpreter;
         assert_eq!(inputs.len(), self.n_input(), "inputs of the program");
         for &(slot, k) in read {
             slots[slot as usize] = inputs[k as usize];
         }
-        runs.iter().for_each(|between| runs::run_steps(between, slots));
+        for (k, between) in runs.iter().enumerate() {
+            runs::run_steps(between, slots);
+            if let Some(call) = calls.get(k) {
+                call.run_steps(n, slots);
+            }
+        }
     }
 
     /// `outputs = f(inputs)` over any scalar; over duals the derivative along their directions, without another compiled
@@ -352,6 +361,22 @@ impl Call {
         self.operation.function().value(x, y);
         for &(slot, k) in &self.outputs {
             slots.set(slot, y[k as usize]);
+        }
+    }
+
+    /// Step by step.
+    fn run_steps(&self, n_step: usize, slots: &mut [[f64; LINE]]) {
+        let n = self.inputs.len();
+        let mut scratch = Scratch::<f64, 256>::new();
+        let (x, y) = scratch.of(n + self.operation.n_output()).split_at_mut(n);
+        for step in 0..n_step {
+            for (x, slot) in x.iter_mut().zip(&self.inputs) {
+                *x = slots[*slot as usize][step];
+            }
+            self.operation.function().value(x, y);
+            for &(slot, k) in &self.outputs {
+                slots[slot as usize][step] = y[k as usize];
+            }
         }
     }
 }

@@ -194,7 +194,7 @@ impl Sweep {
 
     /// Values and weights at eight points x side by side, `points[k]` holding number k of each.
     pub(crate) fn evaluate_steps(&self, scratch: &mut StepsScratch, points: &[[f64; LINE]]) {
-        self.values.evaluate_steps(&mut scratch.values, points);
+        self.values.evaluate_steps(LINE, &mut scratch.values, points);
     }
 
     /// x̄ = Jᵀ `seeds` at point `step` of the eight of [`evaluate_steps`](Self::evaluate_steps).

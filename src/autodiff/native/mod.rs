@@ -1,1 +1,82 @@
-//! x
+//! Machine code from a recording, made at run time: the bits of the interpreter at a multiple of its speed.
+//!
+//! | file | what |
+//! |---|---|
+//! | `lower` | operations of a program to those of a processor |
+//! | `allocate` | registers, by furthest next use |
+//! | `x86` | the encoder |
+//! | `memory` | executable memory, and the call into it |
+//! | [`layout`](Layout) | where arguments and results lie |
+//!
+//! An [`Executable`] works on rows where they are. Where code may not be made it interprets, with the same bits, and
+//! [says why](Executable::why_interpreted).
+
+mod layout;
+mod lower;
+
+#[cfg(all(target_arch = "x86_64", target_os = "linux", not(miri)))]
+mod allocate;
+#[cfg(all(target_arch = "x86_64", target_os = "linux", not(miri)))]
+mod code;
+#[cfg(all(target_arch = "x86_64", target_os = "linux", not(miri)))]
+pub(crate) mod memory;
+#[cfg(all(target_arch = "x86_64", target_os = "linux", not(miri)))]
+mod x86;
+mod executable;
+
+pub use executable::{Executable, Row, Rows, Work};
+pub use layout::{Layout, MAX_ARRAYS, Place};
+
+use std::fmt;
+use std::sync::OnceLock;
+
+/// Most values of a program that becomes machine code, elementary functions counted as what they are made of.
+pub const MAX_STEPS: usize = 1 << 20;
+
+/// Why a program is interpreted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum WhyInterpreted {
+    /// `OMNIDRONES_NATIVE=off`.
+    Off,
+    /// Code is made on Linux and x86-64 alone, and not under Miri.
+    System,
+    /// The processor has no AVX2 with FMA.
+    Processor,
+    /// The system gave no executable memory.
+    #[cfg(target_os = "linux")]
+    Refused(rustix::io::Errno),
+    /// More than [`MAX_STEPS`] values.
+    TooLarge,
+    /// 512 MiB of code are alive.
+    Full,
+}
+
+impl fmt::Display for WhyInterpreted {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Off => f.write_str("switched off by OMNIDRONES_NATIVE=off"),
+            Self::System => f.write_str("machine code is made on Linux and x86-64 alone"),
+            Self::Processor => f.write_str("the processor has no AVX2 with FMA"),
+            #[cfg(target_os = "linux")]
+            Self::Refused(refusal) => write!(f, "the system gives no executable memory: {refusal}"),
+            Self::TooLarge => write!(f, "the program has more than {MAX_STEPS} values"),
+            Self::Full => f.write_str("512 MiB of machine code are in use"),
+        }
+    }
+}
+
+/// Whether machine code may be made here, as far as that is known without making any.
+pub fn availability() -> Result<(), WhyInterpreted> {
+    static SWITCH: OnceLock<bool> = OnceLock::new();
+    let is_off = *SWITCH.get_or_init(|| std::env::var_os("OMNIDRONES_NATIVE").is_some_and(|value| value == "off"));
+    match (is_off, crate::autodiff::lanes::instruction_set()) {
+        (true, _) => Err(WhyInterpreted::Off),
+        _ if !cfg!(all(target_arch = "x86_64", target_os = "linux", not(miri))) => Err(WhyInterpreted::System),
+        (_, "avx512" | "avx2") => Ok(()),
+        _ => Err(WhyInterpreted::Processor),
+    }
+}
+
+#[cfg(test)]
+mod tests;

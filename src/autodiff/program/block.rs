@@ -21,7 +21,7 @@ impl Kernel for Evaluate<'_> {
         let Self { program, n, workspace, inputs, outputs } = self;
         assert_eq!(inputs.len(), program.n_input(), "inputs of the program");
         assert_eq!(outputs.len(), program.n_output(), "outputs of the program");
-        let Interpreter { runs: all, calls, neutral, inputs: read, outputs: written, .. } = &program.interpreter;
+        let Interpreter { runs: all, calls, neutral, inputs: read, outputs: written, .. } = &*program.interpreter;
         let slots = &mut workspace.slots[..neutral.n_slot()];
         for &(slot, k) in read {
             slots[slot as usize] = inputs[k as usize];

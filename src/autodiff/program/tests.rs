@@ -455,7 +455,7 @@ fn the_order_of_instructions_and_steps_side_by_side_change_no_bit() {
         let points: Vec<[f64; LINE]> = (0..4).map(|_| std::array::from_fn(|_| draw())).collect();
         for set in [Set::Avx512, Set::Avx2, Set::OneLane] {
             let mut slots = single.step_slots();
-            with_set(set, || single.evaluate_steps(&mut slots, &points));
+            with_set(set, || single.evaluate_steps(LINE, &mut slots, &points));
             for step in 0..LINE {
                 let z: Vec<f64> = points.iter().map(|row| row[step]).collect();
                 let (one, other) = (run_f64(&plain, &z), run_f64(&single, &z));

@@ -161,14 +161,14 @@ pub struct CallOf {
 /// ```
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub struct ValueForm {
-    pub(super) n_input: usize,
+    pub(crate) n_input: usize,
     /// Bits of each.
-    pub(super) constants: Vec<u64>,
-    pub(super) instructions: Vec<Instruction>,
-    pub(super) calls: Vec<CallOf>,
-    pub(super) results: Vec<Value>,
+    pub(crate) constants: Vec<u64>,
+    pub(crate) instructions: Vec<Instruction>,
+    pub(crate) calls: Vec<CallOf>,
+    pub(crate) results: Vec<Value>,
     /// Inputs, constants and results of instructions.
-    pub(super) n_value: usize,
+    pub(crate) n_value: usize,
 }
 
 impl ValueForm {
@@ -232,7 +232,7 @@ impl ValueForm {
     }
 
     /// Names `n` values that are made next; returns the first.
-    pub(super) fn next(&mut self, n: u32) -> Value {
+    pub(crate) fn next(&mut self, n: u32) -> Value {
         let first = Value(self.n_value as u32);
         self.n_value += n as usize;
         first

@@ -1,0 +1,190 @@
+//! A program as machine code for rows of one kind, with its constants and what it calls.
+
+use super::allocate::allocate;
+use super::executable::{Row, Rows};
+use super::layout::Layout;
+use super::lower::{Callee, Element, lower};
+use super::memory::{Bytes, Code, Needs};
+use super::x86::{Shape, encode};
+use super::{MAX_STEPS, WhyInterpreted};
+use crate::autodiff::columns::Lines;
+use crate::autodiff::custom::Scratch;
+use crate::autodiff::lanes::instruction_set;
+use crate::autodiff::program::{Op, ValueForm};
+use std::collections::HashMap;
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::sync::{Arc, Mutex, OnceLock, Weak};
+
+/// Machine code, constants and callees. It stays while somebody has it.
+#[derive(Debug)]
+pub(super) struct Native {
+    code: Code,
+    constants: Lines,
+    callees: Vec<(Callee, usize)>,
+    shape: Shape,
+    /// Bytes of calls and slots.
+    n_slot_byte: usize,
+}
+
+/// What two programs share code by.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+struct Key {
+    form: Arc<ValueForm>,
+    layout: Layout,
+    shape: Shape,
+    stride: usize,
+}
+
+type Cache = HashMap<u64, Vec<(Key, Weak<Native>)>>;
+
+impl Native {
+    /// The code of a program, made now or found.
+    pub(super) fn of(form: &Arc<ValueForm>, layout: &Layout, shape: Shape, stride: usize) -> Result<Arc<Self>, WhyInterpreted> {
+        static CACHE: OnceLock<Mutex<Cache>> = OnceLock::new();
+        let key = Key { form: form.clone(), layout: layout.clone(), shape, stride };
+        let mut hasher = DefaultHasher::new();
+        key.hash(&mut hasher);
+        let hash = hasher.finish();
+        // not waited for: a process made by `fork` would wait for ever where another thread had it
+        let cache = || CACHE.get_or_init(Mutex::default).try_lock().ok();
+        let found = cache().and_then(|cache| {
+            let same = cache.get(&hash)?.iter().find(|(other, _)| *other == key)?;
+            same.1.upgrade()
+        });
+        if let Some(found) = found {
+            return Ok(found);
+        }
+        let made = Arc::new(Self::made(form, layout, shape, stride)?);
+        if let Some(mut cache) = cache() {
+            let alike = cache.entry(hash).or_default();
+            alike.retain(|(_, code)| code.strong_count() > 0);
+            alike.push((key, Arc::downgrade(&made)));
+            forget_the_dead(&mut cache);
+        }
+        Ok(made)
+    }
+
+    fn made(form: &ValueForm, layout: &Layout, shape: Shape, stride: usize) -> Result<Self, WhyInterpreted> {
+        if form.n_value() > MAX_STEPS {
+            return Err(WhyInterpreted::TooLarge);
+        }
+        let mut lowered = lower(form, shape.element);
+        if lowered.steps.len() > MAX_STEPS {
+            return Err(WhyInterpreted::TooLarge);
+        }
+        let allocated = allocate(&mut lowered, layout, shape.target());
+        let callees: Vec<_> = lowered.calls.into_iter().map(|site| (site.callee, site.operands.len())).collect();
+        let call_rows = callees.iter().map(|(callee, n)| callee.n_output().max(*n)).max().unwrap_or(0);
+        let bytes = encode(&allocated, shape, layout, stride, call_rows);
+        let constants = constants(&allocated.pool, shape);
+        let n_slot_byte = (call_rows + allocated.n_slot) * shape.width;
+        let needs = Needs {
+            constants: constants.len() * 64,
+            constant_bias: shape.constant_bias(),
+            calls: call_rows * shape.width,
+            slots: n_slot_byte,
+            slot_bias: shape.slot_bias(),
+            arrays: (0..layout.n_array()).map(|k| (layout.n_row(k) * stride, layout.is_written(k))).collect(),
+            registers: stride / shape.width,
+        };
+        let code = Code::new(&bytes, needs)?;
+        Ok(Self { code, constants, callees, shape, n_slot_byte })
+    }
+
+    /// Room for its slots.
+    pub(super) fn slots(&self) -> Lines {
+        Lines::zeros(self.n_slot_byte.div_ceil(64))
+    }
+
+    /// Bytes of memory that the code takes.
+    pub(super) fn n_byte(&self) -> usize {
+        self.code.n_byte()
+    }
+
+    /// Runs for the first `n` numbers of the rows; others of the last register are worked on as well.
+    pub(super) fn run<R: Row>(&self, slots: &mut Lines, arrays: &mut [Rows<'_, R>], n: usize) {
+        let lanes = self.shape.width / self.shape.element_size();
+        let (registers, n_array) = (n.div_ceil(lanes), arrays.len());
+        let mut bytes: [Bytes<'_>; super::MAX_ARRAYS] = Default::default();
+        for (bytes, array) in bytes.iter_mut().zip(arrays.iter_mut()) {
+            *bytes = match array {
+                Rows::Read(rows) => Bytes::Read(bytemuck::cast_slice(rows)),
+                Rows::Write(rows) => Bytes::Write(bytemuck::cast_slice_mut(rows)),
+            };
+        }
+        let constants = bytemuck::cast_slice(&self.constants);
+        let slots = bytemuck::cast_slice_mut(slots);
+        let mut call = |number: u32, rows: &mut [u8], remaining: usize| {
+            let done = (registers - remaining) * lanes;
+            let (callee, n_operand) = &self.callees[number as usize];
+            call_lanes(callee, *n_operand, self.shape.element, lanes, lanes.min(n - done), rows);
+        };
+        self.code.run(constants, slots, &mut bytes[..n_array], registers, &mut call);
+    }
+}
+
+/// Forgets code that nobody has, once in a while.
+fn forget_the_dead(cache: &mut Cache) {
+    if cache.len().is_power_of_two() {
+        cache.retain(|_, alike| {
+            alike.retain(|(_, code)| code.strong_count() > 0);
+            !alike.is_empty()
+        });
+    }
+}
+
+/// The constants as code reads them.
+fn constants(pool: &[u64], shape: Shape) -> Lines {
+    let (size, element) = (shape.constant_size(), shape.element_size());
+    let mut lines = Lines::zeros((pool.len() * size).div_ceil(64));
+    let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut lines);
+    for (place, bits) in bytes.chunks_exact_mut(size).zip(pool) {
+        place.chunks_exact_mut(element).for_each(|number| number.copy_from_slice(&bits.to_le_bytes()[..element]));
+    }
+    lines
+}
+
+/// Makes a call for the first `n` of the `lanes` of a register; arguments are read from the rows, then results are written over them.
+fn call_lanes(callee: &Callee, n_operand: usize, element: Element, lanes: usize, n: usize, rows: &mut [u8]) {
+    let mut scratch = Scratch::<f64, 256>::new();
+    let (x, y) = scratch.of(n_operand + callee.n_output()).split_at_mut(n_operand);
+    for lane in 0..n {
+        for (k, x) in x.iter_mut().enumerate() {
+            *x = match element {
+                Element::F32 => f64::from(bytemuck::cast_slice::<_, f32>(rows)[k * lanes + lane]),
+                Element::F64 => bytemuck::cast_slice::<_, f64>(rows)[k * lanes + lane],
+            };
+        }
+        match callee {
+            Callee::Elementary(op) => elementary(*op, x, y),
+            Callee::Custom(operation) => operation.function().value(x, y),
+        }
+        for (k, y) in y.iter().enumerate() {
+            match element {
+                Element::F32 => bytemuck::cast_slice_mut::<_, f32>(rows)[k * lanes + lane] = *y as f32,
+                Element::F64 => bytemuck::cast_slice_mut::<_, f64>(rows)[k * lanes + lane] = *y,
+            }
+        }
+    }
+}
+
+fn elementary(op: Op, x: &[f64], y: &mut [f64]) {
+    match op {
+        Op::SinCos => (y[0], y[1]) = x[0].sin_cos(),
+        Op::Exp => y[0] = x[0].exp(),
+        Op::Ln => y[0] = x[0].ln(),
+        Op::Tanh => y[0] = x[0].tanh(),
+        _ => y[0] = x[0].atan2(x[1]),
+    }
+}
+
+/// How rows of this kind lie in registers of this processor.
+pub(super) fn shape(element: Element, is_single: bool) -> Shape {
+    let is_evex = instruction_set() == "avx512";
+    let width = match (is_single, is_evex) {
+        (true, _) => 8,
+        (false, true) => 64,
+        (false, false) => 32,
+    };
+    Shape { element, width, is_evex }
+}
