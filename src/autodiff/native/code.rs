@@ -1,14 +1,14 @@
 //! A program as machine code for rows of one kind, with its constants and what it calls.
 
 use super::allocate::allocate;
-use super::executable::{Row, Rows};
-use super::layout::Layout;
+use super::executable::Row;
+use super::layout::{Layout, Rows};
 use super::lower::{Callee, Element, lower};
-use super::memory::{Bytes, Code, Needs};
+use super::memory::{Code, Needs};
 use super::x86::{Shape, encode};
 use super::{MAX_STEPS, WhyInterpreted};
 use crate::autodiff::columns::Lines;
-use crate::autodiff::custom::Scratch;
+use crate::autodiff::custom::{Operation, Scratch};
 use crate::autodiff::lanes::instruction_set;
 use crate::autodiff::program::{Op, ValueForm};
 use std::collections::HashMap;
@@ -19,9 +19,10 @@ use std::sync::{Arc, Mutex, OnceLock, Weak};
 #[derive(Debug)]
 pub(super) struct Native {
     code: Code,
-    constants: Lines,
     callees: Vec<(Callee, usize)>,
-    shape: Shape,
+    element: Element,
+    /// The binary logarithm of the numbers of a register.
+    lanes_log: u32,
     /// Bytes of calls and slots.
     n_slot_byte: usize,
 }
@@ -79,16 +80,17 @@ impl Native {
         let constants = constants(&allocated.pool, shape);
         let n_slot_byte = (call_rows + allocated.n_slot) * shape.width;
         let needs = Needs {
-            constants: constants.len() * 64,
             constant_bias: shape.constant_bias(),
             calls: call_rows * shape.width,
             slots: n_slot_byte,
             slot_bias: shape.slot_bias(),
-            arrays: (0..layout.n_array()).map(|k| (layout.n_row(k) * stride, layout.is_written(k))).collect(),
+            arrays: (0..layout.n_array()).map(|k| (layout.n_row(k), layout.is_written(k))).collect(),
+            row: stride,
             registers: stride / shape.width,
         };
-        let code = Code::new(&bytes, needs)?;
-        Ok(Self { code, constants, callees, shape, n_slot_byte })
+        let code = Code::new(&bytes, constants, needs)?;
+        let lanes_log = (shape.width / shape.element_size()).ilog2();
+        Ok(Self { code, callees, element: shape.element, lanes_log, n_slot_byte })
     }
 
     /// Room for its slots.
@@ -101,25 +103,17 @@ impl Native {
         self.code.n_byte()
     }
 
-    /// Runs for the first `n` numbers of the rows; others of the last register are worked on as well.
-    pub(super) fn run<R: Row>(&self, slots: &mut Lines, arrays: &mut [Rows<'_, R>], n: usize) {
-        let lanes = self.shape.width / self.shape.element_size();
-        let (registers, n_array) = (n.div_ceil(lanes), arrays.len());
-        let mut bytes: [Bytes<'_>; super::MAX_ARRAYS] = Default::default();
-        for (bytes, array) in bytes.iter_mut().zip(arrays.iter_mut()) {
-            *bytes = match array {
-                Rows::Read(rows) => Bytes::Read(bytemuck::cast_slice(rows)),
-                Rows::Write(rows) => Bytes::Write(bytemuck::cast_slice_mut(rows)),
-            };
-        }
-        let constants = bytemuck::cast_slice(&self.constants);
-        let slots = bytemuck::cast_slice_mut(slots);
+    /// Runs for the first `n` numbers of the rows; others of the last register are worked on as well. Whether it ran: not where slots
+    /// or arrays are not what the code needs.
+    pub(super) fn run<R: Row>(&self, slots: &mut Lines, arrays: &mut [Rows<'_, R>], n: usize) -> bool {
+        let lanes = 1 << self.lanes_log;
+        let registers = (n + lanes - 1) >> self.lanes_log;
         let mut call = |number: u32, rows: &mut [u8], remaining: usize| {
             let done = (registers - remaining) * lanes;
             let (callee, n_operand) = &self.callees[number as usize];
-            call_lanes(callee, *n_operand, self.shape.element, lanes, lanes.min(n - done), rows);
+            call_lanes(callee, *n_operand, self.element, lanes, lanes.min(n - done), rows);
         };
-        self.code.run(constants, slots, &mut bytes[..n_array], registers, &mut call);
+        self.code.run(slots, arrays, registers, &mut call)
     }
 }
 
@@ -146,35 +140,53 @@ fn constants(pool: &[u64], shape: Shape) -> Lines {
 
 /// Makes a call for the first `n` of the `lanes` of a register; arguments are read from the rows, then results are written over them.
 fn call_lanes(callee: &Callee, n_operand: usize, element: Element, lanes: usize, n: usize, rows: &mut [u8]) {
-    let mut scratch = Scratch::<f64, 256>::new();
-    let (x, y) = scratch.of(n_operand + callee.n_output()).split_at_mut(n_operand);
-    for lane in 0..n {
-        for (k, x) in x.iter_mut().enumerate() {
-            *x = match element {
-                Element::F32 => f64::from(bytemuck::cast_slice::<_, f32>(rows)[k * lanes + lane]),
-                Element::F64 => bytemuck::cast_slice::<_, f64>(rows)[k * lanes + lane],
-            };
+    match (callee, element) {
+        // one list of numbers for all: elementary functions of `f32` are no calls
+        (Callee::Elementary(op), _) => elementary(*op, bytemuck::cast_slice_mut(rows), lanes, n),
+        (Callee::Custom(operation), Element::F32) => {
+            let rows: &mut [f32] = bytemuck::cast_slice_mut(rows);
+            custom(operation, n_operand, lanes, n, rows, |x| f64::from(x), |y| y as f32);
         }
-        match callee {
-            Callee::Elementary(op) => elementary(*op, x, y),
-            Callee::Custom(operation) => operation.function().value(x, y),
-        }
-        for (k, y) in y.iter().enumerate() {
-            match element {
-                Element::F32 => bytemuck::cast_slice_mut::<_, f32>(rows)[k * lanes + lane] = *y as f32,
-                Element::F64 => bytemuck::cast_slice_mut::<_, f64>(rows)[k * lanes + lane] = *y,
-            }
+        (Callee::Custom(operation), Element::F64) => {
+            custom(operation, n_operand, lanes, n, bytemuck::cast_slice_mut(rows), |x| x, |y| y);
         }
     }
 }
 
-fn elementary(op: Op, x: &[f64], y: &mut [f64]) {
-    match op {
-        Op::SinCos => (y[0], y[1]) = x[0].sin_cos(),
-        Op::Exp => y[0] = x[0].exp(),
-        Op::Ln => y[0] = x[0].ln(),
-        Op::Tanh => y[0] = x[0].tanh(),
-        _ => y[0] = x[0].atan2(x[1]),
+/// Lane by lane, through `f64`.
+fn custom<T: Copy>(
+    operation: &Operation,
+    n_operand: usize,
+    lanes: usize,
+    n: usize,
+    rows: &mut [T],
+    wide: impl Fn(T) -> f64,
+    narrow: impl Fn(f64) -> T,
+) {
+    let mut scratch = Scratch::<f64, 256>::new();
+    let (x, y) = scratch.of(n_operand + operation.n_output()).split_at_mut(n_operand);
+    for lane in 0..n {
+        x.iter_mut().enumerate().for_each(|(k, x)| *x = wide(rows[k * lanes + lane]));
+        operation.function().value(x, y);
+        y.iter().enumerate().for_each(|(k, y)| rows[k * lanes + lane] = narrow(*y));
+    }
+}
+
+/// Results over arguments.
+fn elementary(op: Op, rows: &mut [f64], lanes: usize, n: usize) {
+    for lane in 0..n {
+        let x = rows[lane];
+        rows[lane] = match op {
+            Op::SinCos => {
+                let (sine, cosine) = x.sin_cos();
+                rows[lanes + lane] = cosine;
+                sine
+            }
+            Op::Exp => x.exp(),
+            Op::Ln => x.ln(),
+            Op::Tanh => x.tanh(),
+            _ => x.atan2(rows[lanes + lane]),
+        };
     }
 }
 

@@ -1,6 +1,6 @@
 //! A program that works on rows where they are, by machine code or by the interpreter.
 
-use super::layout::Layout;
+use super::layout::{Layout, Rows};
 use super::lower::Element;
 use super::{WhyInterpreted, availability};
 use crate::autodiff::columns::{BLOCK, Columns, LINE, Lines};
@@ -29,24 +29,6 @@ mod sealed {
         fn interpreted(program: &Program) -> Interpreted;
         /// outputs = f(inputs), for the first `n` numbers of each row.
         fn interpret(program: &Program, scratch: &mut Interpreted, inputs: &[Self], outputs: &mut [Self], n: usize);
-    }
-}
-
-/// Rows of an array that a program works on.
-#[derive(Debug)]
-pub enum Rows<'a, R> {
-    /// To read arguments.
-    Read(&'a [R]),
-    /// To write results, and to read arguments.
-    Write(&'a mut [R]),
-}
-
-impl<R> Rows<'_, R> {
-    fn rows(&self) -> &[R] {
-        match self {
-            Self::Read(rows) => rows,
-            Self::Write(rows) => rows,
-        }
     }
 }
 
@@ -106,7 +88,7 @@ impl Native {
     fn n_byte(&self) -> usize {
         match *self {}
     }
-    fn run<R: Row>(&self, _: &mut Lines, _: &mut [Rows<'_, R>], _: usize) {
+    fn run<R: Row>(&self, _: &mut Lines, _: &mut [Rows<'_, R>], _: usize) -> bool {
         match *self {}
     }
 }
@@ -175,14 +157,19 @@ impl<R: Row> Executable<R> {
     /// # Panics
     /// If `work` is another program's, or a custom function panics.
     pub fn run(&self, work: &mut Work<R>, arrays: &mut [Rows<'_, R>], n: usize) -> Result<()> {
-        self.check(arrays, n)?;
-        match &self.code {
-            Ok(code) => code.run(&mut work.slots, arrays, n),
-            Err(_) => self.interpret(work, arrays, n),
+        if let Ok(code) = &self.code {
+            if n.wrapping_sub(1) < R::N && code.run(&mut work.slots, arrays, n) {
+                return Ok(());
+            }
+            self.check(arrays, n)?;
+            panic!("scratch of another program");
         }
+        self.check(arrays, n)?;
+        self.interpret(work, arrays, n);
         Ok(())
     }
 
+    #[cold]
     fn check(&self, arrays: &[Rows<'_, R>], n: usize) -> Result<()> {
         let layout = &self.layout;
         if n == 0 || n > R::N {

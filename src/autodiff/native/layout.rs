@@ -15,6 +15,25 @@ pub struct Place {
     pub row: u32,
 }
 
+/// Rows of an array that a program works on.
+#[derive(Debug)]
+pub enum Rows<'a, R> {
+    /// To read arguments.
+    Read(&'a [R]),
+    /// To write results, and to read arguments.
+    Write(&'a mut [R]),
+}
+
+impl<R> Rows<'_, R> {
+    /// To read.
+    pub(super) fn rows(&self) -> &[R] {
+        match self {
+            Self::Read(rows) => rows,
+            Self::Write(rows) => rows,
+        }
+    }
+}
+
 /// In which array and row each argument is read and each result is written.
 ///
 /// A row is one number, or one of each environment. A result may be written over an argument: it is, when the argument is read for

@@ -10,6 +10,9 @@
 #![allow(unsafe_code)]
 
 use super::WhyInterpreted;
+use super::layout::{MAX_ARRAYS, Rows};
+use crate::autodiff::columns::Lines;
+use bytemuck::Pod;
 use rustix::mm::{Advice, MapFlags, MprotectFlags, ProtFlags, madvise, mmap_anonymous, mprotect, munmap};
 use std::any::Any;
 use std::ffi::c_void;
@@ -19,8 +22,6 @@ use std::process;
 use std::ptr::{null_mut, slice_from_raw_parts_mut};
 use std::sync::atomic::{AtomicPtr, Ordering};
 use std::sync::{Mutex, PoisonError};
-
-use super::layout::MAX_ARRAYS;
 
 /// Most bytes of code of a process.
 pub(super) const MAX_CODE: usize = 512 << 20;
@@ -63,32 +64,20 @@ struct Calls<'a> {
     panic: Option<Box<dyn Any + Send>>,
 }
 
-/// An array that code works on.
-#[derive(Debug)]
-pub(super) enum Bytes<'a> {
-    Read(&'a [u8]),
-    Write(&'a mut [u8]),
-}
-
-impl Default for Bytes<'_> {
-    fn default() -> Self {
-        Self::Read(&[])
-    }
-}
-
 /// What code may touch. Whoever encodes it says so; [`Code::run`] holds arrays against it before code runs.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Needs {
-    /// Bytes of constants, and how far behind their beginning the address is that code has of them.
-    pub(super) constants: usize,
+    /// How far behind the beginning of the constants the address is that code has of them.
     pub(super) constant_bias: usize,
     /// Bytes of arguments and results of calls, which stand before the slots.
     pub(super) calls: usize,
     /// Bytes of those and of the slots.
     pub(super) slots: usize,
     pub(super) slot_bias: usize,
-    /// Bytes of each array, and whether it is written.
+    /// Rows of each array, and whether it is written.
     pub(super) arrays: Vec<(usize, bool)>,
+    /// Bytes of a row.
+    pub(super) row: usize,
     /// Most registers of rows.
     pub(super) registers: usize,
 }
@@ -99,6 +88,7 @@ pub(super) struct Code {
     pool: &'static Pool,
     at: *mut u8,
     n_page: usize,
+    constants: Lines,
     needs: Needs,
 }
 
@@ -108,12 +98,12 @@ unsafe impl Send for Code {}
 unsafe impl Sync for Code {}
 
 impl Code {
-    /// Writes and seals code that touches no more than `needs` says.
-    pub(super) fn new(bytes: &[u8], needs: Needs) -> Result<Self, WhyInterpreted> {
+    /// Writes and seals code that reads all of `constants` at most and touches no more than `needs` says.
+    pub(super) fn new(bytes: &[u8], constants: Lines, needs: Needs) -> Result<Self, WhyInterpreted> {
         let n_page = bytes.len().div_ceil(PAGE);
         let pool = Pool::of_this_process();
         let at = pool.write(bytes, n_page)?;
-        Ok(Self { pool, at, n_page, needs })
+        Ok(Self { pool, at, n_page, constants, needs })
     }
 
     /// Bytes of memory that the code takes.
@@ -122,40 +112,48 @@ impl Code {
     }
 
     /// Runs over `registers` registers of the rows of `arrays`, with calls made by `make`; a panic of a call goes on behind the code.
-    ///
-    /// # Panics
-    /// If constants, slots or arrays are not what the code needs.
-    pub(super) fn run(
+    /// Whether it ran: not where slots or arrays are not what the code needs.
+    #[must_use]
+    pub(super) fn run<R: Pod>(
         &self,
-        constants: &[u8],
-        slots: &mut [u8],
-        arrays: &mut [Bytes<'_>],
+        slots: &mut Lines,
+        arrays: &mut [Rows<'_, R>],
         registers: usize,
         make: &mut Caller<'_>,
-    ) {
-        let Needs { constant_bias, calls, slot_bias, .. } = self.needs;
-        self.hold_against_needs(constants, slots, arrays, registers);
-        let mut addresses = [null_mut(); MAX_ARRAYS];
-        for (address, array) in addresses.iter_mut().zip(arrays) {
-            *address = match array {
-                // not written: see `hold_against_needs`
-                Bytes::Read(bytes) => bytes.as_ptr().cast_mut(),
-                Bytes::Write(bytes) => bytes.as_mut_ptr(),
-            };
+    ) -> bool {
+        let needs = &self.needs;
+        let n_slot_byte = size_of_val::<[_]>(slots);
+        let is_enough = n_slot_byte >= needs.slots && registers.wrapping_sub(1) < needs.registers && size_of::<R>() == needs.row;
+        if !is_enough || arrays.len() != needs.arrays.len() {
+            return false;
         }
+        let mut addresses = [null_mut(); MAX_ARRAYS];
+        for ((address, array), (n_row, is_written)) in addresses.iter_mut().zip(arrays).zip(&needs.arrays) {
+            let (at, len) = match array {
+                Rows::Read(_) if *is_written => return false,
+                // not written, as the code says
+                Rows::Read(rows) => (rows.as_ptr().cast_mut(), rows.len()),
+                Rows::Write(rows) => (rows.as_mut_ptr(), rows.len()),
+            };
+            if len < *n_row {
+                return false;
+            }
+            *address = at.cast();
+        }
+        let slots = slots.as_mut_ptr().cast::<u8>();
         // SAFETY: the lifetime ends with this function, and with it the frame, which alone holds the result.
         let make = unsafe { std::mem::transmute::<&mut Caller<'_>, &'static mut Caller<'static>>(make) };
-        let mut calls = Calls { make, rows: slots.as_mut_ptr(), n_byte: calls, panic: None };
+        let mut calls = Calls { make, rows: slots, n_byte: needs.calls, panic: None };
         let mut frame = Frame {
-            constants: constants.as_ptr().wrapping_add(constant_bias),
-            slots: slots.as_mut_ptr().wrapping_add(slot_bias),
+            constants: self.constants.as_ptr().cast::<u8>().wrapping_add(needs.constant_bias),
+            slots: slots.wrapping_add(needs.slot_bias),
             call,
             remaining: registers as u64,
             arrays: addresses,
             calls: &raw mut calls,
         };
         // SAFETY: `at` is the beginning of code that the encoder made for a function of this type and that stays sealed while `self`
-        // lives. It reads the frame, constants and slots within the lengths that were held against `needs`, and rows of
+        // lives. It reads the frame, its constants, slots within the length that was held against `needs`, and rows of
         // the arrays, likewise; those that it writes are borrowed exclusively. It keeps the registers that the convention
         // keeps, and it has no loop but that over the registers of rows.
         let run = unsafe { std::mem::transmute::<*mut u8, unsafe extern "sysv64" fn(*mut Frame)>(self.at) };
@@ -164,20 +162,7 @@ impl Code {
         if let Some(panic) = calls.panic {
             resume_unwind(panic);
         }
-    }
-
-    fn hold_against_needs(&self, constants: &[u8], slots: &[u8], arrays: &[Bytes<'_>], registers: usize) {
-        let needs = &self.needs;
-        assert!(constants.len() >= needs.constants && slots.len() >= needs.slots, "constants and slots of the code");
-        assert!((1..=needs.registers).contains(&registers), "registers of rows: {registers} of {}", needs.registers);
-        assert_eq!(arrays.len(), needs.arrays.len(), "arrays of the code");
-        for (array, (n_byte, is_written)) in arrays.iter().zip(&needs.arrays) {
-            let (len, is_writable) = match array {
-                Bytes::Read(bytes) => (bytes.len(), false),
-                Bytes::Write(bytes) => (bytes.len(), true),
-            };
-            assert!(len >= *n_byte && (is_writable || !is_written), "an array of the code: {len} of {n_byte} bytes");
-        }
+        true
     }
 }
 

@@ -24,8 +24,8 @@ pub(crate) mod memory;
 mod x86;
 mod executable;
 
-pub use executable::{Executable, Row, Rows, Work};
-pub use layout::{Layout, MAX_ARRAYS, Place};
+pub use executable::{Executable, Row, Work};
+pub use layout::{Layout, MAX_ARRAYS, Place, Rows};
 
 use std::fmt;
 use std::sync::OnceLock;

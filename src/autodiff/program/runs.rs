@@ -19,16 +19,17 @@ pub(super) enum Run {
     Other(Placed),
 }
 
-/// `target` = ±a·b + c·d.
+/// `target` = ±a·b + c·d. Packed: loads are what the loop waits for.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sum {
-    /// Slots a to d.
-    operands: [u32; 4],
-    target: u32,
-    is_minus: bool,
-    /// Whether d is 1.
-    is_short: bool,
+    /// Slots of a and b, of c and d, the first in the low half.
+    products: [u64; 2],
+    /// The sign bit for −, whether d is 1, and in the low half the slot of the result.
+    target: u64,
 }
+
+/// Set in [`Sum::target`] where d is 1.
+const SHORT: u64 = 1 << 32;
 
 /// Slots of the constants that sums are filled up with, behind those of the program.
 #[derive(Debug, Clone, Copy)]
@@ -70,32 +71,35 @@ impl Sum {
             Op::ProductDifference => ([a, b, c, d], true),
             _ => return None,
         };
-        let is_short = operands[3] == one;
-        Some(Self { operands, target, is_minus, is_short })
+        let pair = |first: u32, second: u32| u64::from(first) | u64::from(second) << 32;
+        let [a, b, c, d] = operands;
+        let short = if d == one { SHORT } else { 0 };
+        let target = u64::from(is_minus) << 63 | short | u64::from(target);
+        Some(Self { products: [pair(a, b), pair(c, d)], target })
     }
 
     /// The slot of operand `k`.
     #[inline(always)]
     pub(super) fn slot(self, k: usize) -> usize {
-        self.operands[k] as usize
+        (self.products[k / 2] >> (32 * (k % 2))) as u32 as usize
     }
 
     /// The slot of the result.
     #[inline(always)]
     pub(super) fn target(self) -> usize {
-        self.target as usize
+        self.target as u32 as usize
     }
 
     /// The sign bit, for −.
     #[inline(always)]
     fn sign(self) -> u64 {
-        u64::from(self.is_minus) << 63
+        self.target & 1 << 63
     }
 
     /// Whether it is ±a·b + c.
     #[inline(always)]
     pub(super) fn is_short(self) -> bool {
-        self.is_short
+        self.target & SHORT != 0
     }
 
     /// ±1, as a·b has it.
@@ -127,9 +131,10 @@ pub(super) fn run(runs: &[Run], slots: &mut impl Storage) {
         match run {
             Run::Sums(list) => {
                 for sum in list {
-                    let [a, b, c, d] = sum.operands;
-                    let product = f64::from_bits((slots.get(a) * slots.get(b)).to_bits() ^ sum.sign());
-                    slots.set(sum.target, product + slots.get(c) * slots.get(d));
+                    let x = |k: usize| slots.get(sum.slot(k) as u32);
+                    let product = f64::from_bits((x(0) * x(1)).to_bits() ^ sum.sign());
+                    let total = product + x(2) * x(3);
+                    slots.set(sum.target() as u32, total);
                 }
             }
             Run::Selects(list) => {
