@@ -109,6 +109,8 @@ fn random_layout(seed: u64, n_argument: usize, n_result: usize) -> Layout {
     Layout::new(arguments, results).unwrap()
 }
 
+mod simulator;
+
 trait Tested: Row + PartialEq + std::fmt::Debug {
     fn random(r: &mut Stream) -> Self;
     fn interpreter(program: &Program, inputs: &[Self], n: usize) -> Vec<Self>;
