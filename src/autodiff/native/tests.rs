@@ -109,6 +109,7 @@ fn random_layout(seed: u64, n_argument: usize, n_result: usize) -> Layout {
     Layout::new(arguments, results).unwrap()
 }
 
+mod forms;
 mod simulator;
 
 trait Tested: Row + PartialEq + std::fmt::Debug {
