@@ -18,6 +18,7 @@ use self::runs::{Neutral, Run};
 use super::columns::{Columns, LINE, Lines};
 use super::custom::{Operation, Scratch};
 use super::lanes::dispatch;
+use super::native::in_standard_modes;
 use super::scalar::Scalar;
 use super::trace::Recording;
 use crate::error::{Error, Result};
@@ -251,11 +252,11 @@ impl Program {
     pub(crate) fn evaluate_inside<'w>(&self, workspace: &'w mut Workspace, inputs: &[f64]) -> &'w [f64] {
         assert_eq!(inputs.len(), self.n_input(), "inputs of the program");
         let Workspace { slots, scratch } = workspace;
-        match slots {
+        in_standard_modes(|| match slots {
             Slots::Few(slots) => self.interpreter.run(&mut **slots, scratch, inputs),
             Slots::Many(slots) => self.interpreter.run(&mut **slots, scratch, inputs),
             Slots::All(slots) => self.interpreter.run(slots, scratch, inputs),
-        }
+        });
         workspace.slots()
     }
 
@@ -281,12 +282,14 @@ impl Program {
         for &(slot, k) in read {
             slots[slot as usize] = inputs[k as usize];
         }
-        for (k, between) in runs.iter().enumerate() {
-            runs::run_steps(between, slots);
-            if let Some(call) = calls.get(k) {
-                call.run_steps(n, slots);
+        in_standard_modes(|| {
+            for (k, between) in runs.iter().enumerate() {
+                runs::run_steps(between, slots);
+                if let Some(call) = calls.get(k) {
+                    call.run_steps(n, slots);
+                }
             }
-        }
+        });
     }
 
     /// `outputs = f(inputs)` over any scalar; over duals the derivative along their directions, without another compiled
@@ -345,7 +348,7 @@ impl Program {
         inputs: &[[f32; BLOCK]],
         outputs: &mut [[f32; BLOCK]],
     ) {
-        dispatch(block::Evaluate { program: self, n: n.clamp(1, BLOCK), workspace, inputs, outputs });
+        in_standard_modes(|| dispatch(block::Evaluate { program: self, n: n.clamp(1, BLOCK), workspace, inputs, outputs }));
     }
 }
 

@@ -13,11 +13,12 @@ use crate::autodiff::lanes::instruction_set;
 use crate::autodiff::program::{Op, ValueForm};
 use std::collections::HashMap;
 use std::hash::{DefaultHasher, Hash, Hasher};
-use std::sync::{Arc, Mutex, OnceLock, Weak};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, Weak};
 
 /// Machine code, constants and callees. It stays while somebody has it.
 #[derive(Debug)]
 pub(super) struct Native {
+    key: Key,
     code: Code,
     callees: Vec<(Callee, usize)>,
     element: Element,
@@ -36,36 +37,43 @@ struct Key {
     stride: usize,
 }
 
-type Cache = HashMap<u64, Vec<(Key, Weak<Native>)>>;
+/// Code that somebody has, by the hash of its key.
+type Cache = HashMap<u64, Vec<Weak<Native>>>;
+
+static CACHE: OnceLock<Mutex<Cache>> = OnceLock::new();
+
+/// Not waited for: a process made by `fork` would wait for ever where another thread had it.
+fn cache() -> Option<MutexGuard<'static, Cache>> {
+    CACHE.get_or_init(Mutex::default).try_lock().ok()
+}
+
+impl Key {
+    fn hash(&self) -> u64 {
+        let mut hasher = DefaultHasher::new();
+        Hash::hash(self, &mut hasher);
+        hasher.finish()
+    }
+}
 
 impl Native {
     /// The code of a program, made now or found.
     pub(super) fn of(form: &Arc<ValueForm>, layout: &Layout, shape: Shape, stride: usize) -> Result<Arc<Self>, WhyInterpreted> {
-        static CACHE: OnceLock<Mutex<Cache>> = OnceLock::new();
         let key = Key { form: form.clone(), layout: layout.clone(), shape, stride };
-        let mut hasher = DefaultHasher::new();
-        key.hash(&mut hasher);
-        let hash = hasher.finish();
-        // not waited for: a process made by `fork` would wait for ever where another thread had it
-        let cache = || CACHE.get_or_init(Mutex::default).try_lock().ok();
-        let found = cache().and_then(|cache| {
-            let same = cache.get(&hash)?.iter().find(|(other, _)| *other == key)?;
-            same.1.upgrade()
-        });
-        if let Some(found) = found {
+        let hash = key.hash();
+        let alike: Vec<Arc<Self>> = cache().and_then(|cache| Some(cache.get(&hash)?.iter().filter_map(Weak::upgrade).collect())).unwrap_or_default();
+        if let Some(found) = alike.into_iter().find(|code| code.key == key) {
             return Ok(found);
         }
-        let made = Arc::new(Self::made(form, layout, shape, stride)?);
+        let made = Arc::new(Self::made(key)?);
         if let Some(mut cache) = cache() {
-            let alike = cache.entry(hash).or_default();
-            alike.retain(|(_, code)| code.strong_count() > 0);
-            alike.push((key, Arc::downgrade(&made)));
-            forget_the_dead(&mut cache);
+            cache.entry(hash).or_default().push(Arc::downgrade(&made));
         }
         Ok(made)
     }
 
-    fn made(form: &ValueForm, layout: &Layout, shape: Shape, stride: usize) -> Result<Self, WhyInterpreted> {
+    fn made(key: Key) -> Result<Self, WhyInterpreted> {
+        let Key { form, layout, shape, stride } = &key;
+        let (shape, stride) = (*shape, *stride);
         if form.n_value() > MAX_STEPS {
             return Err(WhyInterpreted::TooLarge);
         }
@@ -90,7 +98,7 @@ impl Native {
         };
         let code = Code::new(&bytes, constants, needs)?;
         let lanes_log = (shape.width / shape.element_size()).ilog2();
-        Ok(Self { code, callees, element: shape.element, lanes_log, n_slot_byte })
+        Ok(Self { key, code, callees, element: shape.element, lanes_log, n_slot_byte })
     }
 
     /// Room for its slots.
@@ -117,13 +125,26 @@ impl Native {
     }
 }
 
-/// Forgets code that nobody has, once in a while.
-fn forget_the_dead(cache: &mut Cache) {
-    if cache.len().is_power_of_two() {
-        cache.retain(|_, alike| {
-            alike.retain(|(_, code)| code.strong_count() > 0);
-            !alike.is_empty()
-        });
+/// The bytes of a program.
+#[cfg(test)]
+pub(super) fn bytes(form: &ValueForm, layout: &Layout, element: Element, is_single: bool) -> Vec<u8> {
+    let shape = shape(element, is_single);
+    let mut lowered = lower(form, element);
+    let allocated = allocate(&mut lowered, layout, shape.target());
+    encode(&allocated, shape, layout, shape.width, 3)
+}
+
+impl Drop for Native {
+    fn drop(&mut self) {
+        let hash = self.key.hash();
+        if let Some(mut cache) = cache()
+            && let Some(alike) = cache.get_mut(&hash)
+        {
+            alike.retain(|code| code.strong_count() > 0);
+            if alike.is_empty() {
+                cache.remove(&hash);
+            }
+        }
     }
 }
 

@@ -135,6 +135,11 @@ impl<R: Row> Executable<R> {
         self.code.as_ref().map_or(0, |code| code.n_byte())
     }
 
+    #[cfg(test)]
+    pub(super) fn shares_code_with(&self, other: &Self) -> bool {
+        matches!((&self.code, &other.code), (Ok(own), Ok(other)) if Arc::ptr_eq(own, other))
+    }
+
     /// Scratch for [`Executable::run`].
     pub fn work(&self) -> Work<R> {
         match &self.code {

@@ -192,6 +192,15 @@ pub(crate) fn in_standard_modes<R>(work: impl FnOnce() -> R) -> R {
     work()
 }
 
+/// Does `work` in other modes, as a host may have them.
+#[cfg(test)]
+pub(super) fn with_modes(modes: u32, work: impl FnOnce()) {
+    let own = Modes(Some(Modes::read()));
+    Modes::write(modes);
+    work();
+    drop(own);
+}
+
 /// The modes to go back to, where they were others.
 struct Modes(Option<u32>);
 

@@ -19,13 +19,22 @@ mod allocate;
 #[cfg(all(target_arch = "x86_64", target_os = "linux", not(miri)))]
 mod code;
 #[cfg(all(target_arch = "x86_64", target_os = "linux", not(miri)))]
-pub(crate) mod memory;
+mod memory;
 #[cfg(all(target_arch = "x86_64", target_os = "linux", not(miri)))]
 mod x86;
 mod executable;
 
 pub use executable::{Executable, Row, Work};
 pub use layout::{Layout, MAX_ARRAYS, Place, Rows};
+
+#[cfg(all(target_arch = "x86_64", target_os = "linux", not(miri)))]
+pub(crate) use memory::in_standard_modes;
+
+/// Where no code is made, modes are the host's.
+#[cfg(not(all(target_arch = "x86_64", target_os = "linux", not(miri))))]
+pub(crate) fn in_standard_modes<R>(work: impl FnOnce() -> R) -> R {
+    work()
+}
 
 use std::fmt;
 use std::sync::OnceLock;

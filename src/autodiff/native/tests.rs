@@ -110,6 +110,7 @@ fn random_layout(seed: u64, n_argument: usize, n_result: usize) -> Layout {
 }
 
 mod forms;
+mod memory;
 mod simulator;
 
 trait Tested: Row + PartialEq + std::fmt::Debug {
