@@ -18,11 +18,12 @@ use self::runs::{Neutral, Run};
 use super::columns::{Columns, LINE, Lines};
 use super::custom::{Operation, Scratch};
 use super::lanes::dispatch;
-use super::native::in_standard_modes;
+use super::native::{self, Code, Layout, Row, Rows, WhyInterpreted, availability, in_standard_modes};
 use super::scalar::Scalar;
 use super::trace::Recording;
-use crate::error::{Error, Result};
-use std::sync::Arc;
+use crate::error::Error;
+use crate::error::Result as Checked;
+use std::sync::{Arc, OnceLock};
 
 /// Slots of a small workspace: 32 KiB.
 const FEW_SLOTS: usize = 1 << 12;
@@ -77,6 +78,14 @@ struct Interpreter {
 pub struct Program {
     form: Arc<ValueForm>,
     interpreter: Arc<Interpreter>,
+    made: Arc<Made>,
+}
+
+/// Machine code of a program, made when somebody asks for the first workspace.
+#[derive(Debug, Default)]
+struct Made {
+    single: OnceLock<Result<Code, WhyInterpreted>>,
+    block: OnceLock<Result<Code, WhyInterpreted>>,
 }
 
 /// Slots of one `f64` evaluation; made once, reused without allocation.
@@ -90,6 +99,8 @@ pub struct Workspace {
 
 #[derive(Debug, Clone)]
 enum Slots {
+    /// Of machine code.
+    Native(Lines),
     Few(Box<[f64; FEW_SLOTS]>),
     Many(Box<[f64; MANY_SLOTS]>),
     /// As many as the program has.
@@ -105,6 +116,7 @@ impl Workspace {
     /// By number of the slot.
     pub(crate) fn slots(&self) -> &[f64] {
         match &self.slots {
+            Slots::Native(slots) => slots.as_flattened(),
             Slots::Few(slots) => &slots[..],
             Slots::Many(slots) => &slots[..],
             Slots::All(slots) => slots,
@@ -117,6 +129,8 @@ impl Workspace {
 pub struct BlockWorkspace {
     slots: Columns,
     scratch: Vec<f64>,
+    /// Of machine code, where there is some; the others are empty then.
+    native: Option<Lines>,
 }
 
 impl Program {
@@ -124,7 +138,7 @@ impl Program {
     ///
     /// # Errors
     /// [`Error::Limit`] when it has more than 2³² values.
-    pub fn compile(recording: &Recording) -> Result<Self> {
+    pub fn compile(recording: &Recording) -> Checked<Self> {
         Self::compiled(recording, false)
     }
 
@@ -133,11 +147,11 @@ impl Program {
     ///
     /// # Errors
     /// As [`Program::compile`].
-    pub(crate) fn compile_single(recording: &Recording) -> Result<Self> {
+    pub(crate) fn compile_single(recording: &Recording) -> Checked<Self> {
         Self::compiled(recording, true)
     }
 
-    fn compiled(recording: &Recording, scheduled: bool) -> Result<Self> {
+    fn compiled(recording: &Recording, scheduled: bool) -> Checked<Self> {
         let recording = recording.attached();
         let n_value = recording.n_input + recording.nodes.len();
         if n_value > MAX_VALUES {
@@ -149,7 +163,7 @@ impl Program {
 
     pub(crate) fn of_form(form: ValueForm, scheduled: bool) -> Self {
         let interpreter = slots::interpreter(&form, scheduled);
-        Self { form: Arc::new(form), interpreter: Arc::new(interpreter) }
+        Self { form: Arc::new(form), interpreter: Arc::new(interpreter), made: Arc::default() }
     }
 
     /// The program as values: what it computes, in an order, with fusions decided.
@@ -160,6 +174,29 @@ impl Program {
     /// The same, to share.
     pub(crate) fn form(&self) -> &Arc<ValueForm> {
         &self.form
+    }
+
+    /// Whether [`evaluate_block`](Self::evaluate_block) runs machine code instead of the interpreter: the same bits, several times as
+    /// fast.
+    pub fn is_native(&self) -> bool {
+        self.why_interpreted().is_none()
+    }
+
+    /// Why it does not.
+    pub fn why_interpreted(&self) -> Option<WhyInterpreted> {
+        self.block_code().as_ref().err().copied()
+    }
+
+    fn block_code(&self) -> &Result<Code, WhyInterpreted> {
+        self.made.block.get_or_init(|| self.code::<[f32; BLOCK]>())
+    }
+
+    fn single_code(&self) -> &Result<Code, WhyInterpreted> {
+        self.made.single.get_or_init(|| self.code::<f64>())
+    }
+
+    fn code<R: Row>(&self) -> Result<Code, WhyInterpreted> {
+        native::code::<R>(&self.form, &Layout::apart(self.n_input(), self.n_output()))
     }
 
     /// Number of inputs.
@@ -189,6 +226,14 @@ impl Program {
 
     /// Scratch for [`Program::evaluate`].
     pub fn workspace(&self) -> Workspace {
+        match availability().and_then(|()| self.single_code().clone()) {
+            Ok(code) => Workspace { slots: Slots::Native(code.slots()), scratch: Vec::new() },
+            Err(_) => self.interpreter_workspace(),
+        }
+    }
+
+    /// Scratch for the interpreter.
+    pub(crate) fn interpreter_workspace(&self) -> Workspace {
         if self.interpreter.neutral.n_slot() > FEW_SLOTS {
             return self.roomy_workspace();
         }
@@ -221,11 +266,19 @@ impl Program {
 
     /// Scratch for [`Program::evaluate_block`].
     pub fn block_workspace(&self) -> BlockWorkspace {
+        match availability().and_then(|()| self.block_code().clone()) {
+            Ok(code) => BlockWorkspace { slots: Columns::default(), scratch: Vec::new(), native: Some(code.slots()) },
+            Err(_) => self.interpreter_block_workspace(),
+        }
+    }
+
+    /// Scratch for the interpreter.
+    pub(crate) fn interpreter_block_workspace(&self) -> BlockWorkspace {
         let mut slots = Columns::zeros(self.interpreter.neutral.n_slot());
         for (slot, value) in self.fixed_slots() {
             slots[slot as usize] = [value as f32; BLOCK];
         }
-        BlockWorkspace { slots, scratch: self.scratch() }
+        BlockWorkspace { slots, scratch: self.scratch(), native: None }
     }
 
     /// Arguments and results of one call at a time.
@@ -242,6 +295,11 @@ impl Program {
     pub fn evaluate(&self, workspace: &mut Workspace, inputs: &[f64], outputs: &mut [f64]) {
         assert_eq!(inputs.len(), self.n_input(), "inputs of the program");
         assert_eq!(outputs.len(), self.n_output(), "outputs of the program");
+        if let (Slots::Native(slots), Ok(code)) = (&mut workspace.slots, self.single_code()) {
+            let did = code.run(slots, &mut [Rows::Read(inputs), Rows::Write(outputs)], 1);
+            assert!(did, "slots of the program");
+            return;
+        }
         let slots = self.evaluate_inside(workspace, inputs);
         for (output, slot) in outputs.iter_mut().zip(&self.interpreter.outputs) {
             *output = slots[*slot as usize];
@@ -253,6 +311,7 @@ impl Program {
         assert_eq!(inputs.len(), self.n_input(), "inputs of the program");
         let Workspace { slots, scratch } = workspace;
         in_standard_modes(|| match slots {
+            Slots::Native(_) => panic!("slots of the program"),
             Slots::Few(slots) => self.interpreter.run(&mut **slots, scratch, inputs),
             Slots::Many(slots) => self.interpreter.run(&mut **slots, scratch, inputs),
             Slots::All(slots) => self.interpreter.run(slots, scratch, inputs),
@@ -348,6 +407,12 @@ impl Program {
         inputs: &[[f32; BLOCK]],
         outputs: &mut [[f32; BLOCK]],
     ) {
+        if let (Some(slots), Ok(code)) = (&mut workspace.native, self.block_code()) {
+            assert_eq!((inputs.len(), outputs.len()), (self.n_input(), self.n_output()), "inputs and outputs of the program");
+            let did = code.run(slots, &mut [Rows::Read(inputs), Rows::Write(outputs)], n.clamp(1, BLOCK));
+            assert!(did, "slots of the program");
+            return;
+        }
         in_standard_modes(|| dispatch(block::Evaluate { program: self, n: n.clamp(1, BLOCK), workspace, inputs, outputs }));
     }
 }

@@ -4,7 +4,7 @@ use super::allocate::allocate;
 use super::executable::Row;
 use super::layout::{Layout, Rows};
 use super::lower::{Callee, Element, lower};
-use super::memory::{Code, Needs};
+use super::memory::{self, Needs};
 use super::x86::{Shape, encode};
 use super::{MAX_STEPS, WhyInterpreted};
 use crate::autodiff::columns::Lines;
@@ -17,15 +17,56 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, Weak};
 
 /// Machine code, constants and callees. It stays while somebody has it.
 #[derive(Debug)]
-pub(super) struct Native {
+struct Native {
     key: Key,
-    code: Code,
+    code: memory::Code,
     callees: Vec<(Callee, usize)>,
     element: Element,
     /// The binary logarithm of the numbers of a register.
     lanes_log: u32,
     /// Bytes of calls and slots.
     n_slot_byte: usize,
+}
+
+/// A share in it.
+#[derive(Debug, Clone)]
+pub(crate) struct Code(Arc<Native>);
+
+impl Code {
+    /// Of a program for rows of a kind.
+    pub(super) fn of<R: Row>(form: &Arc<ValueForm>, layout: &Layout) -> Result<Self, WhyInterpreted> {
+        Native::of(form, layout, shape(R::ELEMENT, R::N == 1), size_of::<R>()).map(Self)
+    }
+
+    #[cfg(test)]
+    pub(super) fn is_same(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.0, &other.0)
+    }
+
+    /// Room for its slots.
+    pub(crate) fn slots(&self) -> Lines {
+        Lines::zeros(self.0.n_slot_byte.div_ceil(64))
+    }
+
+    /// Bytes of memory that it takes.
+    pub(super) fn n_byte(&self) -> usize {
+        self.0.code.n_byte()
+    }
+
+    /// Runs for the first `n` numbers of the rows; others of the last register are worked on as well. Whether it ran: not where slots
+    /// or arrays are not what the code needs.
+    #[must_use]
+    pub(crate) fn run<R: Row>(&self, slots: &mut Lines, arrays: &mut [Rows<'_, R>], n: usize) -> bool {
+        let native = &*self.0;
+        let lanes = 1 << native.lanes_log;
+        let registers = (n + lanes - 1) >> native.lanes_log;
+        let mut call = |number: u32, rows: &mut [u8], remaining: usize| {
+            let done = (registers - remaining) * lanes;
+            let (callee, n_operand) = &native.callees[number as usize];
+            call_lanes(callee, *n_operand, native.element, lanes, lanes.min(n - done), rows);
+        };
+        native.code.run(slots, arrays, registers, &mut call)
+    }
 }
 
 /// What two programs share code by.
@@ -57,7 +98,7 @@ impl Key {
 
 impl Native {
     /// The code of a program, made now or found.
-    pub(super) fn of(form: &Arc<ValueForm>, layout: &Layout, shape: Shape, stride: usize) -> Result<Arc<Self>, WhyInterpreted> {
+    fn of(form: &Arc<ValueForm>, layout: &Layout, shape: Shape, stride: usize) -> Result<Arc<Self>, WhyInterpreted> {
         let key = Key { form: form.clone(), layout: layout.clone(), shape, stride };
         let hash = key.hash();
         let alike: Vec<Arc<Self>> = cache().and_then(|cache| Some(cache.get(&hash)?.iter().filter_map(Weak::upgrade).collect())).unwrap_or_default();
@@ -96,32 +137,9 @@ impl Native {
             row: stride,
             registers: stride / shape.width,
         };
-        let code = Code::new(&bytes, constants, needs)?;
+        let code = memory::Code::new(&bytes, constants, needs)?;
         let lanes_log = (shape.width / shape.element_size()).ilog2();
         Ok(Self { key, code, callees, element: shape.element, lanes_log, n_slot_byte })
-    }
-
-    /// Room for its slots.
-    pub(super) fn slots(&self) -> Lines {
-        Lines::zeros(self.n_slot_byte.div_ceil(64))
-    }
-
-    /// Bytes of memory that the code takes.
-    pub(super) fn n_byte(&self) -> usize {
-        self.code.n_byte()
-    }
-
-    /// Runs for the first `n` numbers of the rows; others of the last register are worked on as well. Whether it ran: not where slots
-    /// or arrays are not what the code needs.
-    pub(super) fn run<R: Row>(&self, slots: &mut Lines, arrays: &mut [Rows<'_, R>], n: usize) -> bool {
-        let lanes = 1 << self.lanes_log;
-        let registers = (n + lanes - 1) >> self.lanes_log;
-        let mut call = |number: u32, rows: &mut [u8], remaining: usize| {
-            let done = (registers - remaining) * lanes;
-            let (callee, n_operand) = &self.callees[number as usize];
-            call_lanes(callee, *n_operand, self.element, lanes, lanes.min(n - done), rows);
-        };
-        self.code.run(slots, arrays, registers, &mut call)
     }
 }
 

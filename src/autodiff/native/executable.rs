@@ -2,12 +2,11 @@
 
 use super::layout::{Layout, Rows};
 use super::lower::Element;
-use super::{WhyInterpreted, availability};
+use super::{Code, WhyInterpreted, code};
 use crate::autodiff::columns::{BLOCK, Columns, LINE, Lines};
 use crate::autodiff::program::{BlockWorkspace, Program, Workspace};
 use crate::error::{Error, Result};
 use std::marker::PhantomData;
-use std::sync::Arc;
 
 /// A row of an array: a number of each environment of a block, one number, or a number of each of eight steps.
 pub trait Row: sealed::Row {}
@@ -68,29 +67,8 @@ pub struct Work<R> {
 pub struct Executable<R> {
     program: Program,
     layout: Layout,
-    code: std::result::Result<Arc<Native>, WhyInterpreted>,
+    code: std::result::Result<Code, WhyInterpreted>,
     rows: PhantomData<R>,
-}
-
-#[cfg(all(target_arch = "x86_64", target_os = "linux", not(miri)))]
-use super::code::Native;
-
-/// Machine code where none is made.
-#[cfg(not(all(target_arch = "x86_64", target_os = "linux", not(miri))))]
-#[derive(Debug)]
-enum Native {}
-
-#[cfg(not(all(target_arch = "x86_64", target_os = "linux", not(miri))))]
-impl Native {
-    fn slots(&self) -> Lines {
-        match *self {}
-    }
-    fn n_byte(&self) -> usize {
-        match *self {}
-    }
-    fn run<R: Row>(&self, _: &mut Lines, _: &mut [Rows<'_, R>], _: usize) -> bool {
-        match *self {}
-    }
 }
 
 impl<R: Row> Executable<R> {
@@ -105,19 +83,8 @@ impl<R: Row> Executable<R> {
             let remedy = "Say where each argument and each result lies, in order.";
             return Err(Error::value("layout", format!("of {n} arguments and {m} results"), limit, remedy));
         }
-        let code = availability().and_then(|()| Self::native(program, &layout));
+        let code = code::<R>(program.form(), &layout);
         Ok(Self { program: program.clone(), layout, code, rows: PhantomData })
-    }
-
-    #[cfg(all(target_arch = "x86_64", target_os = "linux", not(miri)))]
-    fn native(program: &Program, layout: &Layout) -> std::result::Result<Arc<Native>, WhyInterpreted> {
-        let shape = super::code::shape(R::ELEMENT, R::N == 1);
-        Native::of(program.form(), layout, shape, size_of::<R>())
-    }
-
-    #[cfg(not(all(target_arch = "x86_64", target_os = "linux", not(miri))))]
-    fn native(_: &Program, _: &Layout) -> std::result::Result<Arc<Native>, WhyInterpreted> {
-        Err(WhyInterpreted::System)
     }
 
     /// Whether it is machine code.
@@ -137,7 +104,7 @@ impl<R: Row> Executable<R> {
 
     #[cfg(test)]
     pub(super) fn shares_code_with(&self, other: &Self) -> bool {
-        matches!((&self.code, &other.code), (Ok(own), Ok(other)) if Arc::ptr_eq(own, other))
+        matches!((&self.code, &other.code), (Ok(own), Ok(other)) if own.is_same(other))
     }
 
     /// Scratch for [`Executable::run`].
@@ -217,7 +184,7 @@ impl sealed::Row for [f32; BLOCK] {
     const ELEMENT: Element = Element::F32;
     const N: usize = BLOCK;
     fn interpreted(program: &Program) -> Interpreted {
-        Interpreted::Block(program.block_workspace())
+        Interpreted::Block(program.interpreter_block_workspace())
     }
     fn interpret(program: &Program, scratch: &mut Interpreted, inputs: &[Self], outputs: &mut [Self], n: usize) {
         if let Interpreted::Block(workspace) = scratch {
@@ -231,7 +198,7 @@ impl sealed::Row for f64 {
     const ELEMENT: Element = Element::F64;
     const N: usize = 1;
     fn interpreted(program: &Program) -> Interpreted {
-        Interpreted::One(program.workspace())
+        Interpreted::One(program.interpreter_workspace())
     }
     fn interpret(program: &Program, scratch: &mut Interpreted, inputs: &[Self], outputs: &mut [Self], _: usize) {
         if let Interpreted::One(workspace) = scratch {

@@ -30,14 +30,18 @@ pub use layout::{Layout, MAX_ARRAYS, Place, Rows};
 #[cfg(all(target_arch = "x86_64", target_os = "linux", not(miri)))]
 pub(crate) use memory::in_standard_modes;
 
-/// Where no code is made, modes are the host's.
 #[cfg(not(all(target_arch = "x86_64", target_os = "linux", not(miri))))]
-pub(crate) fn in_standard_modes<R>(work: impl FnOnce() -> R) -> R {
-    work()
-}
+mod elsewhere;
+#[cfg(not(all(target_arch = "x86_64", target_os = "linux", not(miri))))]
+use elsewhere as code;
+#[cfg(not(all(target_arch = "x86_64", target_os = "linux", not(miri))))]
+pub(crate) use elsewhere::in_standard_modes;
 
+pub(crate) use code::Code;
+
+use super::program::ValueForm;
 use std::fmt;
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 /// Most values of a program that becomes machine code, elementary functions counted as what they are made of.
 pub const MAX_STEPS: usize = 1 << 20;
@@ -87,5 +91,11 @@ pub fn availability() -> Result<(), WhyInterpreted> {
     }
 }
 
-#[cfg(test)]
+/// Machine code of a program for rows of a kind, made now or found.
+pub(crate) fn code<R: Row>(form: &Arc<ValueForm>, layout: &Layout) -> Result<Code, WhyInterpreted> {
+    availability()?;
+    Code::of::<R>(form, layout)
+}
+
+#[cfg(all(test, target_arch = "x86_64", target_os = "linux", not(miri)))]
 mod tests;

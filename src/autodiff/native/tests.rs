@@ -128,7 +128,7 @@ impl Tested for f64 {
     }
     fn interpreter(program: &Program, inputs: &[Self], _: usize) -> Vec<Self> {
         let mut outputs = vec![0.0; program.n_output()];
-        program.evaluate(&mut program.workspace(), inputs, &mut outputs);
+        program.evaluate(&mut program.interpreter_workspace(), inputs, &mut outputs);
         outputs
     }
     fn differs(&self, other: &Self, _: usize) -> Option<usize> {
@@ -158,7 +158,7 @@ impl Tested for [f32; BLOCK] {
     }
     fn interpreter(program: &Program, inputs: &[Self], n: usize) -> Vec<Self> {
         let mut outputs = vec![[0.0; BLOCK]; program.n_output()];
-        program.evaluate_lanes(n, &mut program.block_workspace(), inputs, &mut outputs);
+        program.evaluate_lanes(n, &mut program.interpreter_block_workspace(), inputs, &mut outputs);
         outputs
     }
     fn differs(&self, other: &Self, n: usize) -> Option<usize> {

@@ -163,7 +163,7 @@ fn slots_of_angles_are_given_back_so_a_long_chain_of_rotations_needs_few() {
 #[test]
 fn a_workspace_used_before_gives_the_same_bits_again() {
     let (_, program) = compiled(3, |z| vec![(z[0] * z[1]).sin_cos().1 + z[2].exp(), z[0]]);
-    let mut workspace = program.workspace();
+    let mut workspace = program.interpreter_workspace();
     let (mut first, mut other, mut again) = ([0.0; 2], [0.0; 2], [0.0; 2]);
     program.evaluate(&mut workspace, &[0.1, 0.2, 0.3], &mut first);
     program.evaluate(&mut workspace, &[f64::NAN, f64::INFINITY, -3.0], &mut other);
@@ -178,7 +178,7 @@ fn a_workspace_with_too_few_slots_is_refused_not_folded_onto_itself() {
     let (_, large) = compiled(1, many);
     let (_, small) = compiled(1, |z| vec![z[0] * z[0]]);
     let mut outputs = vec![0.0; large.n_output()];
-    large.evaluate(&mut small.workspace(), &[1.0], &mut outputs);
+    large.evaluate(&mut small.interpreter_workspace(), &[1.0], &mut outputs);
 }
 
 /// A random expression graph over any scalar: the same for every scalar and seed. Values stay within about [−4, 4].

@@ -145,7 +145,7 @@ fn modes_of_a_host_change_no_bit_and_stay_the_hosts() {
         let mut after = 0.0;
         with_modes(modes, || {
             got[0] = run(&made, x);
-            program.evaluate(&mut program.workspace(), &[x], &mut got[1]);
+            program.evaluate(&mut program.interpreter_workspace(), &[x], &mut got[1]);
             after = std::hint::black_box(x) * std::hint::black_box(x);
         });
         assert_eq!(got, [want; 2], "{modes:#x}");
