@@ -44,17 +44,13 @@ pub(crate) const LN: [f64; 9] = [
 /// Below it, tanh is a polynomial.
 pub(crate) const TANH_SMALL: f64 = 0.625;
 /// (tanh x − x)/x³ of x².
-pub(crate) const TANH: [f64; 5] = [
-    -5.704_988_727_45e-3,
-    2.063_908_879_54e-2,
-    -5.373_971_555_31e-2,
-    1.333_144_220_36e-1,
-    -3.333_328_194_22e-1,
-];
+pub(crate) const TANH: [f64; 5] =
+    [-5.704_988_727_45e-3, 2.063_908_879_54e-2, -5.373_971_555_31e-2, 1.333_144_220_36e-1, -3.333_328_194_22e-1];
 
 /// Least divisor of an arctangent.
 pub(crate) const ATAN_LEAST: f64 = 1e-37;
 /// tan(π/8): above it, an arctangent is π/4 plus that of (t − 1)/(t + 1).
 pub(crate) const ATAN_FOLD: f64 = std::f64::consts::SQRT_2 - 1.0;
 /// (atan t − t)/t³ of t².
-pub(crate) const ATAN: [f64; 4] = [8.053_744_495_38e-2, -1.387_768_560_32e-1, 1.997_771_064_78e-1, -3.333_294_915_39e-1];
+pub(crate) const ATAN: [f64; 4] =
+    [8.053_744_495_38e-2, -1.387_768_560_32e-1, 1.997_771_064_78e-1, -3.333_294_915_39e-1];

@@ -60,31 +60,97 @@ pub(super) enum Relation {
 /// An instruction of the processor. `k` are registers of masks, `m` memory.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Instruction {
-    Load { d: Reg, m: Mem },
-    Store { m: Mem, s: Reg },
-    Move { d: Reg, s: Reg },
+    Load {
+        d: Reg,
+        m: Mem,
+    },
+    Store {
+        m: Mem,
+        s: Reg,
+    },
+    Move {
+        d: Reg,
+        s: Reg,
+    },
     /// Of the operations with two operands.
-    Two { what: Do, d: Reg, a: Reg, b: Rm },
-    Sqrt { d: Reg, a: Rm },
-    Up { d: Reg, a: Reg, by: u8 },
-    Down { d: Reg, a: Reg, by: u8 },
-    Fused { what: Fused, form: Form, d: Reg, v: Reg, rm: Rm },
+    Two {
+        what: Do,
+        d: Reg,
+        a: Reg,
+        b: Rm,
+    },
+    Sqrt {
+        d: Reg,
+        a: Rm,
+    },
+    Up {
+        d: Reg,
+        a: Reg,
+        by: u8,
+    },
+    Down {
+        d: Reg,
+        a: Reg,
+        by: u8,
+    },
+    Fused {
+        what: Fused,
+        form: Form,
+        d: Reg,
+        v: Reg,
+        rm: Rm,
+    },
     /// k = a ~ b
-    Compare { k: Reg, a: Reg, b: Rm, relation: Relation },
+    Compare {
+        k: Reg,
+        a: Reg,
+        b: Rm,
+        relation: Relation,
+    },
     /// k = whether a and b share a bit, or do not.
-    Test { k: Reg, a: Reg, b: Rm, share: bool },
+    Test {
+        k: Reg,
+        a: Reg,
+        b: Rm,
+        share: bool,
+    },
     /// d = yes where k, else no.
-    Blend { d: Reg, k: Reg, no: Reg, yes: Rm },
+    Blend {
+        d: Reg,
+        k: Reg,
+        no: Reg,
+        yes: Rm,
+    },
     /// d = a constant where k, else 0.
-    Where { d: Reg, k: Reg, m: Mem },
+    Where {
+        d: Reg,
+        k: Reg,
+        m: Mem,
+    },
     /// d ^= b & c
-    Flip { d: Reg, b: Reg, c: Rm },
+    Flip {
+        d: Reg,
+        b: Reg,
+        c: Rm,
+    },
     /// d = all bits where a ~ b, else none. Without registers of masks.
-    CompareInto { d: Reg, a: Reg, b: Rm, relation: Relation },
+    CompareInto {
+        d: Reg,
+        a: Reg,
+        b: Rm,
+        relation: Relation,
+    },
     /// d = yes where the highest bit of `by` is set, else no.
-    BlendBy { d: Reg, by: Reg, no: Reg, yes: Rm },
+    BlendBy {
+        d: Reg,
+        by: Reg,
+        no: Reg,
+        yes: Rm,
+    },
     /// Arguments and results stand where calls have them.
-    Call { number: u32 },
+    Call {
+        number: u32,
+    },
 }
 
 /// What a processor has.
@@ -179,7 +245,8 @@ fn protect_arguments(lowered: &mut Lowered, layout: &Layout) {
 fn order_of_stores(lowered: &Lowered, layout: &Layout) -> (HashMap<usize, Vec<Place>>, Vec<Late>) {
     let mut read_last: HashMap<Place, usize> = HashMap::new();
     for (time, step) in lowered.steps.iter().enumerate() {
-        let called: &[Operand] = if let Do::Call(number) = step.what { &lowered.calls[number as usize].operands } else { &[] };
+        let called: &[Operand] =
+            if let Do::Call(number) = step.what { &lowered.calls[number as usize].operands } else { &[] };
         for operand in step.operands().iter().chain(called) {
             if let Of::Input(k) = operand.of() {
                 read_last.insert(layout.arguments()[k], time);
@@ -189,7 +256,9 @@ fn order_of_stores(lowered: &Lowered, layout: &Layout) -> (HashMap<usize, Vec<Pl
     let (mut stores, mut late) = (HashMap::<usize, Vec<Place>>::new(), Vec::new());
     for (value, place) in lowered.results.iter().zip(layout.results()) {
         match value.of() {
-            Of::Step(k) if read_last.get(place).is_none_or(|last| *last <= k) => stores.entry(k).or_default().push(*place),
+            Of::Step(k) if read_last.get(place).is_none_or(|last| *last <= k) => {
+                stores.entry(k).or_default().push(*place)
+            }
             // as an argument in its own place
             Of::Input(k) if layout.arguments()[k] == *place => {}
             _ => late.push(Late { value: *value, place: *place }),
@@ -242,8 +311,10 @@ impl<'a> Allocator<'a> {
         let lowered = self.lowered;
         let mut reads = Vec::with_capacity(lowered.steps.len() * 2);
         for (time, step) in lowered.steps.iter().enumerate() {
-            let called: &[Operand] = if let Do::Call(number) = step.what { &lowered.calls[number as usize].operands } else { &[] };
-            reads.extend(step.operands().iter().chain(called).map(|operand| (self.value(*operand) as u32, time as u32)));
+            let called: &[Operand] =
+                if let Do::Call(number) = step.what { &lowered.calls[number as usize].operands } else { &[] };
+            reads
+                .extend(step.operands().iter().chain(called).map(|operand| (self.value(*operand) as u32, time as u32)));
         }
         let behind = lowered.steps.len() as u32;
         reads.extend(late.iter().zip(behind..).map(|(late, time)| (self.value(late.value) as u32, time)));
@@ -511,8 +582,12 @@ impl<'a> Allocator<'a> {
         self.release(&values);
         let (form, d, v, rm) = match (rms, ends) {
             ([Rm::Reg(v), rm, Rm::Reg(d)] | [rm, Rm::Reg(v), Rm::Reg(d)], [_, _, true]) => (Form::F231, d, v, rm),
-            ([Rm::Reg(d), Rm::Reg(v), rm], [true, ..]) | ([Rm::Reg(v), Rm::Reg(d), rm], [_, true, _]) => (Form::F213, d, v, rm),
-            ([Rm::Reg(d), rm, Rm::Reg(v)], [true, ..]) | ([rm, Rm::Reg(d), Rm::Reg(v)], [_, true, _]) => (Form::F132, d, v, rm),
+            ([Rm::Reg(d), Rm::Reg(v), rm], [true, ..]) | ([Rm::Reg(v), Rm::Reg(d), rm], [_, true, _]) => {
+                (Form::F213, d, v, rm)
+            }
+            ([Rm::Reg(d), rm, Rm::Reg(v)], [true, ..]) | ([rm, Rm::Reg(d), Rm::Reg(v)], [_, true, _]) => {
+                (Form::F132, d, v, rm)
+            }
             ([Rm::Mem(m), Rm::Reg(v), rm] | [Rm::Reg(v), Rm::Mem(m), rm], _) => (Form::F213, self.loaded(m), v, rm),
             ([Rm::Reg(v), rm, Rm::Mem(m)], _) => (Form::F231, self.loaded(m), v, rm),
             ([Rm::Reg(v), rm, Rm::Reg(s)], _) => {

@@ -101,7 +101,9 @@ impl Native {
     fn of(form: &Arc<ValueForm>, layout: &Layout, shape: Shape, stride: usize) -> Result<Arc<Self>, WhyInterpreted> {
         let key = Key { form: form.clone(), layout: layout.clone(), shape, stride };
         let hash = key.hash();
-        let alike: Vec<Arc<Self>> = cache().and_then(|cache| Some(cache.get(&hash)?.iter().filter_map(Weak::upgrade).collect())).unwrap_or_default();
+        let alike: Vec<Arc<Self>> = cache()
+            .and_then(|cache| Some(cache.get(&hash)?.iter().filter_map(Weak::upgrade).collect()))
+            .unwrap_or_default();
         if let Some(found) = alike.into_iter().find(|code| code.key == key) {
             return Ok(found);
         }
@@ -184,7 +186,7 @@ fn call_lanes(callee: &Callee, n_operand: usize, element: Element, lanes: usize,
         (Callee::Elementary(op), _) => elementary(*op, bytemuck::cast_slice_mut(rows), lanes, n),
         (Callee::Custom(operation), Element::F32) => {
             let rows: &mut [f32] = bytemuck::cast_slice_mut(rows);
-            custom(operation, n_operand, lanes, n, rows, |x| f64::from(x), |y| y as f32);
+            custom(operation, n_operand, lanes, n, rows, f64::from, |y| y as f32);
         }
         (Callee::Custom(operation), Element::F64) => {
             custom(operation, n_operand, lanes, n, bytemuck::cast_slice_mut(rows), |x| x, |y| y);

@@ -1,8 +1,8 @@
 //! Where no machine code is made.
 
+use super::WhyInterpreted;
 use super::executable::Row;
 use super::layout::{Layout, Rows};
-use super::WhyInterpreted;
 use crate::autodiff::columns::Lines;
 use crate::autodiff::program::ValueForm;
 use std::sync::Arc;

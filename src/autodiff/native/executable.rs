@@ -3,7 +3,7 @@
 use super::layout::{Layout, Rows};
 use super::lower::Element;
 use super::{Code, WhyInterpreted, code};
-use crate::autodiff::columns::{BLOCK, Columns, LINE, Lines};
+use crate::autodiff::columns::{BLOCK, LINE, Lines};
 use crate::autodiff::program::{BlockWorkspace, Program, Workspace};
 use crate::error::{Error, Result};
 use std::marker::PhantomData;
@@ -150,16 +150,27 @@ impl<R: Row> Executable<R> {
         }
         if arrays.len() != layout.n_array() {
             let limit = format!("{}, as the layout has", layout.n_array());
-            return Err(Error::value("number of arrays", arrays.len(), limit, "Pass the arrays in the order of the layout."));
+            return Err(Error::value(
+                "number of arrays",
+                arrays.len(),
+                limit,
+                "Pass the arrays in the order of the layout.",
+            ));
         }
         for (k, array) in arrays.iter().enumerate() {
             let what = || format!("array {k}");
             if array.rows().len() < layout.n_row(k) {
-                let (value, limit) = (format!("of {} rows", array.rows().len()), format!("of {} or more", layout.n_row(k)));
+                let (value, limit) =
+                    (format!("of {} rows", array.rows().len()), format!("of {} or more", layout.n_row(k)));
                 return Err(Error::value(what(), value, limit, "Pass all rows that the layout names."));
             }
             if layout.is_written(k) && matches!(array, Rows::Read(_)) {
-                return Err(Error::value(what(), "read only", "writable", "Pass arrays with results as `Rows::Write`."));
+                return Err(Error::value(
+                    what(),
+                    "read only",
+                    "writable",
+                    "Pass arrays with results as `Rows::Write`.",
+                ));
             }
         }
         Ok(())

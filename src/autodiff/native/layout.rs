@@ -57,7 +57,12 @@ impl Layout {
         let places = || arguments.iter().chain(&results);
         let n_array = places().map(|place| usize::from(place.array) + 1).max().unwrap_or(0);
         if n_array > MAX_ARRAYS {
-            return Err(Error::limit("number of arrays of a layout", n_array, MAX_ARRAYS, "Put rows together in one array."));
+            return Err(Error::limit(
+                "number of arrays of a layout",
+                n_array,
+                MAX_ARRAYS,
+                "Put rows together in one array.",
+            ));
         }
         let mut taken = HashSet::with_capacity(results.len());
         if let Some((k, place)) = results.iter().enumerate().find(|(_, place)| !taken.insert(**place)) {

@@ -171,7 +171,8 @@ pub(super) fn lower(form: &ValueForm, element: Element) -> Lowered {
         calls: Vec::new(),
         results: Vec::new(),
     };
-    let mut lowering = Lowering { to: lowered, numbers: HashMap::default(), known: HashMap::default(), is_less: HashMap::default() };
+    let mut lowering =
+        Lowering { to: lowered, numbers: HashMap::default(), known: HashMap::default(), is_less: HashMap::default() };
     lowering.run(form);
     lowering.to.without_dead_steps()
 }
@@ -540,7 +541,8 @@ impl Lowered {
             }
         }
         let mut place = vec![Operand(0); self.steps.len()];
-        let renamed = |place: &[Operand], operand: Operand| if let Of::Step(k) = operand.of() { place[k] } else { operand };
+        let renamed =
+            |place: &[Operand], operand: Operand| if let Of::Step(k) = operand.of() { place[k] } else { operand };
         let mut kept = 0;
         for k in (0..self.steps.len()).filter(|k| needed[*k]) {
             let Step { what, operands } = self.steps[k];
@@ -549,7 +551,10 @@ impl Lowered {
             kept += 1;
         }
         self.steps.truncate(kept);
-        self.calls.iter_mut().flat_map(|call| &mut call.operands).for_each(|operand| *operand = renamed(&place, *operand));
+        self.calls
+            .iter_mut()
+            .flat_map(|call| &mut call.operands)
+            .for_each(|operand| *operand = renamed(&place, *operand));
         self.results.iter_mut().for_each(|operand| *operand = renamed(&place, *operand));
         self
     }

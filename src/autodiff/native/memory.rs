@@ -123,7 +123,8 @@ impl Code {
     ) -> bool {
         let needs = &self.needs;
         let n_slot_byte = size_of_val::<[_]>(slots);
-        let is_enough = n_slot_byte >= needs.slots && registers.wrapping_sub(1) < needs.registers && size_of::<R>() == needs.row;
+        let is_enough =
+            n_slot_byte >= needs.slots && registers.wrapping_sub(1) < needs.registers && size_of::<R>() == needs.row;
         if !is_enough || arrays.len() != needs.arrays.len() {
             return false;
         }
@@ -351,7 +352,7 @@ impl Arena {
             base.write_volatile(0);
             mprotect(base.cast(), n_byte, MprotectFlags::empty())
         };
-        let arena = Self { at: base.wrapping_add(PAGE), n_page, free: vec![0..n_page] };
+        let arena = Self { at: base.wrapping_add(PAGE), n_page, free: Vec::from([0..n_page]) };
         closed.map_err(WhyInterpreted::Refused)?;
         Ok(arena)
     }

@@ -18,11 +18,11 @@ mod lower;
 mod allocate;
 #[cfg(all(target_arch = "x86_64", target_os = "linux", not(miri)))]
 mod code;
+mod executable;
 #[cfg(all(target_arch = "x86_64", target_os = "linux", not(miri)))]
 mod memory;
 #[cfg(all(target_arch = "x86_64", target_os = "linux", not(miri)))]
 mod x86;
-mod executable;
 
 pub use executable::{Executable, Row, Work};
 pub use layout::{Layout, MAX_ARRAYS, Place, Rows};

@@ -177,7 +177,8 @@ fn culprit<R: Tested>(form: &ValueForm, inputs: &[R], n: usize) -> String {
             executable.run(&mut executable.work(), &mut [Rows::Read(inputs), Rows::Write(&mut got)], n).unwrap();
             if let Some(lane) = want[0].differs(&got[0], n) {
                 let text = program.value_form().to_string();
-                let line = text.lines().find(|line| line.contains(&format!("{} ", instruction.first))).unwrap_or_default();
+                let line =
+                    text.lines().find(|line| line.contains(&format!("{} ", instruction.first))).unwrap_or_default();
                 return format!("alone: {line}: lane {lane}: {:?} instead of {:?}", got[0], want[0]);
             }
         }
@@ -194,7 +195,8 @@ fn compare<R: Tested>(seed: u64) {
     let executable = Executable::<R>::new(&program, layout.clone()).unwrap();
     assert!(executable.is_native(), "{:?}", executable.why_interpreted());
     let n = 1 + r.below(R::MOST as u64) as usize;
-    let mut arrays: Vec<Vec<R>> = (0..layout.n_array()).map(|k| (0..layout.n_row(k)).map(|_| R::random(&mut r)).collect()).collect();
+    let mut arrays: Vec<Vec<R>> =
+        (0..layout.n_array()).map(|k| (0..layout.n_row(k)).map(|_| R::random(&mut r)).collect()).collect();
     let at = |arrays: &[Vec<R>], place: &Place| arrays[place.array as usize][place.row as usize];
     let inputs: Vec<R> = layout.arguments().iter().map(|place| at(&arrays, place)).collect();
     let before = arrays.clone();

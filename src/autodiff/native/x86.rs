@@ -205,7 +205,13 @@ impl Encoder {
                 self.vector(opcode, d, no, last, Extra { k, is_evex_only: true, ..self.scaled(last) });
             }
             Where { d, k, m } => {
-                let extra = Extra { k, zeroing: true, is_evex_only: true, scale: self.shape.element_size(), ..Extra::default() };
+                let extra = Extra {
+                    k,
+                    zeroing: true,
+                    is_evex_only: true,
+                    scale: self.shape.element_size(),
+                    ..Extra::default()
+                };
                 let opcode = if self.shape.is_single() { self.moving(0x10) } else { self.broadcast() };
                 let last = self.unbroadcast(m);
                 self.vector(opcode, d, 0, last, extra);
@@ -343,10 +349,11 @@ impl Encoder {
     fn vector(&mut self, opcode: Opcode, first: Reg, second: Reg, last: Last, extra: Extra) {
         let is_high = first > 15 || second > 15 || matches!(last, Last::Reg(r) if r > 15);
         let is_broadcast = matches!(last, Last::Memory { is_broadcast: true, .. });
-        let is_evex = self.shape.is_evex && (self.shape.width == 64 || extra.is_evex_only || is_high || is_broadcast || {
-            let vex = vex_length(opcode, last) + displacement_length(last, 1);
-            vex > 5 + displacement_length(last, extra.scale)
-        });
+        let is_evex = self.shape.is_evex
+            && (self.shape.width == 64 || extra.is_evex_only || is_high || is_broadcast || {
+                let vex = vex_length(opcode, last) + displacement_length(last, 1);
+                vex > 5 + displacement_length(last, extra.scale)
+            });
         if is_evex {
             self.evex(opcode, first, second, last, extra);
         } else {

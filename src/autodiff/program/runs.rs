@@ -73,9 +73,9 @@ impl Sum {
         };
         let pair = |first: u32, second: u32| u64::from(first) | u64::from(second) << 32;
         let [a, b, c, d] = operands;
+        let products = [pair(a, b), pair(c, d)];
         let short = if d == one { SHORT } else { 0 };
-        let target = u64::from(is_minus) << 63 | short | u64::from(target);
-        Some(Self { products: [pair(a, b), pair(c, d)], target })
+        Some(Self { products, target: u64::from(is_minus) << 63 | short | u64::from(target) })
     }
 
     /// The slot of operand `k`.
@@ -93,7 +93,8 @@ impl Sum {
     /// The sign bit, for −.
     #[inline(always)]
     fn sign(self) -> u64 {
-        self.target & 1 << 63
+        // a register of numbers takes it from memory: through others it would wait
+        0.0_f64.copysign(f64::from_bits(self.target)).to_bits()
     }
 
     /// Whether it is ±a·b + c.

@@ -66,8 +66,29 @@ impl Op {
     pub const ALL: [Self; 23] = {
         use Op::*;
         [
-            Add, Sub, Mul, Div, Neg, Recip, Sqrt, SinCos, Exp, Ln, Tanh, Atan2, MulAdd, NegMulAdd, MulSub, TwoProducts,
-            ProductDifference, Less, And, Or, Not, Select, SelectLess,
+            Add,
+            Sub,
+            Mul,
+            Div,
+            Neg,
+            Recip,
+            Sqrt,
+            SinCos,
+            Exp,
+            Ln,
+            Tanh,
+            Atan2,
+            MulAdd,
+            NegMulAdd,
+            MulSub,
+            TwoProducts,
+            ProductDifference,
+            Less,
+            And,
+            Or,
+            Not,
+            Select,
+            SelectLess,
         ]
     };
 
@@ -206,7 +227,10 @@ impl ValueForm {
     pub fn source(&self, value: Value) -> Source {
         match value.index() {
             k if k < self.n_input => Source::Input(k),
-            k => self.constants.get(k - self.n_input).map_or(Source::Computed, |bits| Source::Constant(f64::from_bits(*bits))),
+            k => self
+                .constants
+                .get(k - self.n_input)
+                .map_or(Source::Computed, |bits| Source::Constant(f64::from_bits(*bits))),
         }
     }
 

@@ -34,17 +34,32 @@ fn layout() -> Layout {
 fn memories() -> Vec<Mem> {
     let row = |array, row| Mem::Row(Place { array, row });
     vec![
-        Mem::Constant(0), Mem::Constant(128), Mem::Constant(3000), Mem::Slot(1), Mem::Slot(128), Mem::Slot(5000), Mem::Call(0),
-        row(0, 0), row(1, 1), row(2, 700), row(3, 5), row(5, 3),
+        Mem::Constant(0),
+        Mem::Constant(128),
+        Mem::Constant(3000),
+        Mem::Slot(1),
+        Mem::Slot(128),
+        Mem::Slot(5000),
+        Mem::Call(0),
+        row(0, 0),
+        row(1, 1),
+        row(2, 700),
+        row(3, 5),
+        row(5, 3),
     ]
 }
 
 /// All forms of a shape.
 fn forms(shape: Shape) -> Vec<Instruction> {
     let (has_masks, is_single, is_f32) = (shape.is_evex, shape.width == 8, shape.element == Element::F32);
-    let registers: &[[Reg; 3]] = if has_masks { &[[1, 2, 3], [9, 7, 12], [17, 26, 31], [8, 16, 0]] } else { &[[1, 2, 3], [9, 7, 12], [0, 15, 8]] };
+    let registers: &[[Reg; 3]] = if has_masks {
+        &[[1, 2, 3], [9, 7, 12], [17, 26, 31], [8, 16, 0]]
+    } else {
+        &[[1, 2, 3], [9, 7, 12], [0, 15, 8]]
+    };
     let near = [Mem::Constant(1), Mem::Row(Place { array: 3, row: 5 })].map(Rm::Mem);
-    let rms: Vec<Rm> = near.into_iter().chain([Rm::Reg(4), Rm::Reg(11)]).chain(has_masks.then_some(Rm::Reg(20))).collect();
+    let rms: Vec<Rm> =
+        near.into_iter().chain([Rm::Reg(4), Rm::Reg(11)]).chain(has_masks.then_some(Rm::Reg(20))).collect();
     let mut all = Vec::new();
     for &[x, y, z] in registers {
         for m in memories() {
@@ -71,7 +86,11 @@ fn forms(shape: Shape) -> Vec<Instruction> {
                 }
             }
             for relation in [Relation::Less, Relation::Greater, Relation::NotLess, Relation::NotGreater] {
-                all.push(if has_masks { Instruction::Compare { k: 3, a: y, b: rm, relation } } else { Instruction::CompareInto { d: x, a: y, b: rm, relation } });
+                all.push(if has_masks {
+                    Instruction::Compare { k: 3, a: y, b: rm, relation }
+                } else {
+                    Instruction::CompareInto { d: x, a: y, b: rm, relation }
+                });
             }
             if has_masks {
                 all.push(Instruction::Blend { d: x, k: 5, no: y, yes: rm });
@@ -95,7 +114,8 @@ fn forms(shape: Shape) -> Vec<Instruction> {
 
 /// The bytes of one instruction.
 fn bytes(instruction: Instruction, shape: Shape) -> Vec<u8> {
-    let code = |instructions| encode(&Allocated { instructions, pool: vec![], n_slot: 0 }, shape, &layout(), stride(shape), 2);
+    let code =
+        |instructions| encode(&Allocated { instructions, pool: vec![], n_slot: 0 }, shape, &layout(), stride(shape), 2);
     let (empty, whole) = (code(vec![]), code(vec![instruction]));
     let head = 4 * (2 + layout().n_array());
     whole[head..head + whole.len() - empty.len()].to_vec()
@@ -121,7 +141,9 @@ impl Text {
             Mem::Constant(k) => ("rax", k as i64 * shape.constant_size() as i64 - shape.constant_bias() as i64),
             Mem::Call(k) => ("rcx", k as i64 * shape.width as i64 - shape.slot_bias() as i64),
             Mem::Slot(k) => ("rcx", (k as i64 + 2) * shape.width as i64 - shape.slot_bias() as i64),
-            Mem::Row(p) => (["rdx", "rsi", "r8", "r9", "r10", "r11"][p.array as usize], p.row as i64 * stride(shape) as i64),
+            Mem::Row(p) => {
+                (["rdx", "rsi", "r8", "r9", "r10", "r11"][p.array as usize], p.row as i64 * stride(shape) as i64)
+            }
         };
         let kind = match (is_broadcast, size) {
             (true, 4) => "DWORD BCST",
@@ -150,7 +172,9 @@ impl Text {
     }
 
     fn of(&self, instruction: &Instruction) -> String {
-        use Instruction::{Blend, BlendBy, Call, Compare, CompareInto, Down, Flip, Load, Move, Sqrt, Store, Test, Two, Up, Where};
+        use Instruction::{
+            Blend, BlendBy, Call, Compare, CompareInto, Down, Flip, Load, Move, Sqrt, Store, Test, Two, Up, Where,
+        };
         let shape = self.0;
         let (is_f32, is_single) = (shape.element == Element::F32, shape.width == 8);
         let packed = if is_f32 { "ps" } else { "pd" };
@@ -160,7 +184,9 @@ impl Text {
         let moving = if is_single { "vmovsd".to_string() } else { format!("vmovu{packed}") };
         match *instruction {
             Load { d, m } => match self.rm(Rm::Mem(m)) {
-                text if text.contains("BCST") => format!("vbroadcasts{} {},{}", &packed[1..], r(d), text.replace("BCST", "PTR")),
+                text if text.contains("BCST") => {
+                    format!("vbroadcasts{} {},{}", &packed[1..], r(d), text.replace("BCST", "PTR"))
+                }
                 text => format!("{moving} {},{text}", r(d)),
             },
             Store { m, s } => format!("{moving} {},{}", self.mem(m, shape.width, false), r(s)),
@@ -189,8 +215,12 @@ impl Text {
                 };
                 format!("{name}{}{packed} {},{},{}", &format!("{form:?}")[1..], r(d), r(v), self.rm(rm))
             }
-            Compare { k, a, b, relation } => format!("vcmp{}{own} k{k},{},{}", relation_name(relation), r(a), self.rm(b)),
-            CompareInto { d, a, b, relation } => format!("vcmp{}{own} {},{},{}", relation_name(relation), r(d), r(a), self.rm(b)),
+            Compare { k, a, b, relation } => {
+                format!("vcmp{}{own} k{k},{},{}", relation_name(relation), r(a), self.rm(b))
+            }
+            CompareInto { d, a, b, relation } => {
+                format!("vcmp{}{own} {},{},{}", relation_name(relation), r(d), r(a), self.rm(b))
+            }
             Test { k, a, b, share } => format!("vptest{}md k{k},{},{}", if share { "" } else { "n" }, r(a), self.rm(b)),
             Blend { d, k, no, yes } => {
                 let yes = match yes {
@@ -201,7 +231,12 @@ impl Text {
             }
             Where { d, k, m } if is_single => format!("vmovsd {}{{k{k}}}{{z}},{}", r(d), self.mem(m, 8, false)),
             Where { d, k, m } => {
-                format!("vbroadcasts{} {}{{k{k}}}{{z}},{}", &packed[1..], r(d), self.mem(m, shape.element_size(), false))
+                format!(
+                    "vbroadcasts{} {}{{k{k}}}{{z}},{}",
+                    &packed[1..],
+                    r(d),
+                    self.mem(m, shape.element_size(), false)
+                )
             }
             Flip { d, b, c } => format!("vpternlog{word} {},{},{},0x78", r(d), r(b), self.rm(c)),
             BlendBy { d, by, no, yes } => format!("vblendv{packed} {},{},{},{}", r(d), r(no), self.rm(yes), r(by)),
@@ -252,16 +287,26 @@ fn every_form_of_every_instruction_has_its_bytes() {
 fn a_disassembler_reads_what_the_encoder_meant() {
     let folder = tempfile::tempdir().unwrap();
     let (file, forms) = (folder.path().join("code"), all_forms());
-    let forms: Vec<(&str, &str)> = forms.lines().filter(|line| !line.starts_with('#')).map(|line| line.split_once(' ').unwrap()).collect();
+    let forms: Vec<(&str, &str)> =
+        forms.lines().filter(|line| !line.starts_with('#')).map(|line| line.split_once(' ').unwrap()).collect();
     let byte = |hex: &str| u8::from_str_radix(hex, 16).unwrap();
-    let code: Vec<u8> = forms.iter().flat_map(|(hex, _)| (0..hex.len() / 2).map(move |k| byte(&hex[2 * k..2 * k + 2]))).collect();
+    let code: Vec<u8> =
+        forms.iter().flat_map(|(hex, _)| (0..hex.len() / 2).map(move |k| byte(&hex[2 * k..2 * k + 2]))).collect();
     std::fs::write(&file, code).unwrap();
     let arguments = ["-D", "-b", "binary", "-m", "i386:x86-64", "-M", "intel", "--no-show-raw-insn"];
     let output = Command::new("objdump").args(arguments).arg(&file).output().unwrap();
-    let read: Vec<String> = String::from_utf8(output.stdout).unwrap().lines().filter_map(|line| {
-        let (address, text) = line.split_once(":\t")?;
-        address.trim().chars().all(|c| c.is_ascii_hexdigit()).then(|| text.split_whitespace().filter(|word| *word != "{evex}").collect::<Vec<_>>().join(" "))
-    }).collect();
+    let read: Vec<String> = String::from_utf8(output.stdout)
+        .unwrap()
+        .lines()
+        .filter_map(|line| {
+            let (address, text) = line.split_once(":\t")?;
+            address
+                .trim()
+                .chars()
+                .all(|c| c.is_ascii_hexdigit())
+                .then(|| text.split_whitespace().filter(|word| *word != "{evex}").collect::<Vec<_>>().join(" "))
+        })
+        .collect();
     for ((hex, meant), read) in forms.iter().zip(&read) {
         assert_eq!(meant, read, "{hex}");
     }

@@ -34,7 +34,10 @@ fn alone(name: &str) -> String {
         return String::new();
     }
     let name = format!("{}::{name}", module_path!().split_once("::").unwrap().1);
-    let output = Command::new(std::env::current_exe().unwrap()).args(["--exact", &name, "--ignored", "--nocapture"]).output().unwrap();
+    let output = Command::new(std::env::current_exe().unwrap())
+        .args(["--exact", &name, "--ignored", "--nocapture"])
+        .output()
+        .unwrap();
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
     println!("{text}{}", String::from_utf8_lossy(&output.stderr));
     assert!(output.status.success() && text.contains("1 passed"), "{name}");
@@ -115,7 +118,8 @@ fn forked() {
                 fork::Fork::Child => {
                     // no panic here: its message would wait for locks of threads that are not there
                     let made = executable(k);
-                    let is_right = made.is_native() && run(&kept, 0.3) == want && run(&made, 2.0)[0] == 4.0 + f64::from(k);
+                    let is_right =
+                        made.is_native() && run(&kept, 0.3) == want && run(&made, 2.0)[0] == 4.0 + f64::from(k);
                     drop(made);
                     std::process::exit(if is_right { 0 } else { 1 });
                 }
@@ -204,7 +208,9 @@ fn arrays_that_are_not_what_the_layout_says_are_refused_before_any_code_runs() {
     assert!(y.iter().all(|y| y.is_nan()), "nothing was written");
     let same = Place { array: 0, row: 1 };
     assert!(Layout::new(vec![], vec![same, same]).unwrap_err().to_string().contains("another result's"));
-    assert!(Layout::new(vec![Place { array: 6, row: 0 }], vec![]).unwrap_err().to_string().contains("number of arrays"));
+    assert!(
+        Layout::new(vec![Place { array: 6, row: 0 }], vec![]).unwrap_err().to_string().contains("number of arrays")
+    );
     let wrong = Executable::<f64>::new(&small(3), Layout::apart(2, 2)).unwrap_err().to_string();
     assert!(wrong.contains("2 arguments and 2 results"), "{wrong}");
 }
@@ -230,9 +236,9 @@ fn prints_its_bytes() {
     for seed in 0..200 {
         let form = random_form(seed);
         let layout = random_layout(seed, form.n_input, form.results.len());
-        let hash = super::super::code::bytes(&form, &layout, Element::F64, true).iter().fold(0_u64, |hash, byte| {
-            (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01B3)
-        });
+        let hash = super::super::code::bytes(&form, &layout, Element::F64, true)
+            .iter()
+            .fold(0_u64, |hash, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01B3));
         println!("bytes of {seed}: {hash:016x}");
     }
 }

@@ -82,14 +82,28 @@ impl Processor<'_> {
             (Do::Sub, _) => (u - v).to_bits(),
             (Do::Mul, _) => (u * v).to_bits(),
             (Do::Div, _) => (u / v).to_bits(),
-            (Do::Min, _) => if self.number(a) < self.number(b) { a } else { b },
-            (Do::Max, _) => if self.number(a) > self.number(b) { a } else { b },
+            (Do::Min, _) => {
+                if self.number(a) < self.number(b) {
+                    a
+                } else {
+                    b
+                }
+            }
+            (Do::Max, _) => {
+                if self.number(a) > self.number(b) {
+                    a
+                } else {
+                    b
+                }
+            }
             _ => panic!("{what:?} has not two operands"),
         }
     }
 
     fn step(&mut self, instruction: &Instruction, callees: &[(Callee, usize)]) {
-        use Instruction::{Blend, BlendBy, Call, Compare, CompareInto, Down, Flip, Load, Move, Sqrt, Store, Test, Two, Up, Where};
+        use Instruction::{
+            Blend, BlendBy, Call, Compare, CompareInto, Down, Flip, Load, Move, Sqrt, Store, Test, Two, Up, Where,
+        };
         let width = if self.element == Element::F32 { u64::from(u32::MAX) } else { u64::MAX };
         match *instruction {
             Load { d, m } => self.registers[d as usize] = self.read(m),
@@ -118,11 +132,14 @@ impl Processor<'_> {
                 let x = |bits: u64| f32::from_bits(bits as u32);
                 self.registers[d as usize] = std::array::from_fn(|l| {
                     let (a, b, c) = (x(a[l]), x(b[l]), x(c[l]));
-                    u64::from(match what {
-                        Fused::MulAdd => a.mul_add(b, c),
-                        Fused::NegMulAdd => (-a).mul_add(b, c),
-                        Fused::MulSub => a.mul_add(b, -c),
-                    }.to_bits())
+                    u64::from(
+                        match what {
+                            Fused::MulAdd => a.mul_add(b, c),
+                            Fused::NegMulAdd => (-a).mul_add(b, c),
+                            Fused::MulSub => a.mul_add(b, -c),
+                        }
+                        .to_bits(),
+                    )
                 });
             }
             Compare { k, a, b, relation } => {
@@ -147,7 +164,8 @@ impl Processor<'_> {
             }
             CompareInto { d, a, b, relation } => {
                 let (a, b) = (self.registers[a as usize], self.get(b));
-                self.registers[d as usize] = std::array::from_fn(|l| if self.holds(a[l], b[l], relation) { width } else { 0 });
+                self.registers[d as usize] =
+                    std::array::from_fn(|l| if self.holds(a[l], b[l], relation) { width } else { 0 });
             }
             BlendBy { d, by, no, yes } => {
                 let (by, no, yes) = (self.registers[by as usize], self.registers[no as usize], self.get(yes));
@@ -184,7 +202,13 @@ impl Processor<'_> {
 }
 
 /// What allocated code makes of arrays.
-fn simulate(form: &ValueForm, element: Element, layout: &Layout, target: Target, arrays: &mut Vec<Vec<Register>>) -> Allocated {
+fn simulate(
+    form: &ValueForm,
+    element: Element,
+    layout: &Layout,
+    target: Target,
+    arrays: &mut Vec<Vec<Register>>,
+) -> Allocated {
     let mut lowered = lower(form, element);
     let allocated = allocate(&mut lowered, layout, target);
     let callees: Vec<_> = lowered.calls.iter().map(|site| (site.callee.clone(), site.operands.len())).collect();
@@ -224,7 +248,9 @@ fn compare_simulated(seed: u64, name: &str, element: Element, target: Target) {
     simulate(program.value_form(), element, &layout, target, &mut arrays);
     for lane in 0..LANES {
         let want: Vec<f64> = match element {
-            Element::F64 => f64::interpreter(&program, &inputs.iter().map(|x| f64::from_bits(x[lane])).collect::<Vec<_>>(), 1),
+            Element::F64 => {
+                f64::interpreter(&program, &inputs.iter().map(|x| f64::from_bits(x[lane])).collect::<Vec<_>>(), 1)
+            }
             Element::F32 => {
                 let inputs: Vec<_> = inputs.iter().map(|x| [f32::from_bits(x[lane] as u32); BLOCK]).collect();
                 <[f32; BLOCK]>::interpreter(&program, &inputs, 1).iter().map(|y| f64::from(y[0])).collect()
@@ -232,9 +258,13 @@ fn compare_simulated(seed: u64, name: &str, element: Element, target: Target) {
         };
         for (k, (want, place)) in want.iter().zip(layout.results()).enumerate() {
             let bits = arrays[place.array as usize][place.row as usize][lane];
-            let got = if element == Element::F32 { f64::from(f32::from_bits(bits as u32)) } else { f64::from_bits(bits) };
+            let got =
+                if element == Element::F32 { f64::from(f32::from_bits(bits as u32)) } else { f64::from_bits(bits) };
             let form = program.value_form();
-            assert!(want.differs(&got, 1).is_none(), "seed {seed}, {name} {element:?}: result {k}: {got:?}, not {want:?} of\n{form}");
+            assert!(
+                want.differs(&got, 1).is_none(),
+                "seed {seed}, {name} {element:?}: result {k}: {got:?}, not {want:?} of\n{form}"
+            );
         }
     }
 }
