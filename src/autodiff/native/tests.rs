@@ -112,6 +112,7 @@ fn random_layout(seed: u64, n_argument: usize, n_result: usize) -> Layout {
 mod forms;
 mod memory;
 mod simulator;
+mod traps;
 
 trait Tested: Row + PartialEq + std::fmt::Debug {
     fn random(r: &mut Stream) -> Self;
