@@ -21,6 +21,7 @@ pub(crate) use tiles::{ones, to_columns, to_rows};
 
 use super::columns::{BLOCK, LINE};
 use super::custom::{Operation, Scratch};
+use super::polynomials::*;
 use super::scalar::{Mask, Scalar};
 use super::strided::{StridedView, StridedViewMut};
 use super::unrolled::unrolled;
@@ -394,13 +395,6 @@ impl<S: Simd> Register<S> {
         Self(token::<S>().transmute_f32s_u32s(bits))
     }
 
-    /// Round to nearest integer for |x| < 2²², by adding and subtracting 1.5 · 2²³.
-    #[inline(always)]
-    fn round(self) -> Self {
-        let magic = Self::constant(ROUND);
-        (self + magic) - magic
-    }
-
     /// Horner's rule, highest coefficient first.
     #[inline(always)]
     fn polynomial<const N: usize>(self, coefficients: [f64; N]) -> Self {
@@ -421,8 +415,6 @@ impl<S: Simd> Register<S> {
         Self::load(&[f(lane[0])])
     }
 }
-
-const ROUND: f64 = 12_582_912.0;
 
 impl<S: Simd> fmt::Debug for Register<S> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -511,31 +503,30 @@ impl<S: Simd> Scalar for Register<S> {
         Self(token::<S>().sqrt_f32s(self.0))
     }
 
-    /// π/2 is subtracted in three parts (Cody and Waite 1980), then one polynomial on [−π/4, π/4] for each of the two;
-    /// the quadrant picks and signs them. For |x| < 10⁴ rad.
+    /// π/2 is subtracted in two parts, then one polynomial on [−π/4, π/4] for each of the two; the lowest bits of the rounded
+    /// quotient are the quadrant, which picks and signs them. For |x| < 10⁴ rad.
     #[inline(always)]
     fn sin_cos(self) -> (Self, Self) {
         if !is_fused::<S>() {
             return (self.single(f32::sin), self.single(f32::cos));
         }
-        let c = Self::constant;
-        let k = (self * c(std::f64::consts::FRAC_2_PI)).round();
-        let r = (-k).mul_add(c(1.570_796_370_506_286_6), self);
-        let r = (-k).mul_add(c(-4.371_139_000_186_241e-8), r);
+        let (c, t) = (Self::constant, token::<S>());
+        let shifted = self * c(std::f64::consts::FRAC_2_PI) + c(ROUND);
+        let k = shifted - c(ROUND);
+        let r = (-k).mul_add(c(HALF_PI[0]), self);
+        let r = (-k).mul_add(c(HALF_PI[1]), r);
         let z = r * r;
-        let s = z.polynomial([-1.951_529_589_1e-4, 8.332_160_873_6e-3, -1.666_665_461_1e-1]);
-        let s = (r * z).mul_add(s, r);
-        let q = z.polynomial([2.443_315_711_809_948e-5, -1.388_731_625_493_765e-3, 4.166_664_568_298_827e-2]);
-        let q = (z * z).mul_add(q, (-z).mul_add(c(0.5), c(1.0)));
-        // k mod 4 as −2, −1, 0, 1 or 2
-        let quadrant = k - (k * c(0.25)).round() * c(4.0);
-        let distance = quadrant.abs();
-        let odd = c(0.5).lt(distance).and(distance.lt(c(1.5)));
-        let opposite = c(1.5).lt(distance);
-        let (sine, cosine) = (Self::select(odd, q, s), Self::select(odd, s, q));
-        let sine_negative = opposite.or(quadrant.lt(c(-0.5)));
-        let cosine_negative = opposite.or(c(0.5).lt(quadrant));
-        (Self::select(sine_negative, -sine, sine), Self::select(cosine_negative, -cosine, cosine))
+        let s = (r * z).mul_add(z.polynomial(SINE), r);
+        let q = (z * z).mul_add(z.polynomial(COSINE), (-z).mul_add(c(0.5), c(1.0)));
+        let one = t.splat_u32s(1);
+        let is_odd = t.sub_u32s(t.splat_u32s(0), t.and_u32s(shifted.bits(), one));
+        let swapped = t.and_u32s(t.xor_u32s(s.bits(), q.bits()), is_odd);
+        let (up, top) = (t.splat_u32s(30), t.splat_u32s(1 << 31));
+        let sine_sign = t.and_u32s(t.wrapping_dyn_shl_u32s(shifted.bits(), up), top);
+        let cosine_sign = t.and_u32s(t.wrapping_dyn_shl_u32s(t.add_u32s(shifted.bits(), one), up), top);
+        let sine = t.xor_u32s(t.xor_u32s(s.bits(), swapped), sine_sign);
+        let cosine = t.xor_u32s(t.xor_u32s(q.bits(), swapped), cosine_sign);
+        (Self::from_bits(sine), Self::from_bits(cosine))
     }
 
     /// 2ᵏ · e^r with k = round(x/ln 2) put straight into the exponent bits. Saturates outside [−87.3, 88.3].
@@ -545,19 +536,12 @@ impl<S: Simd> Scalar for Register<S> {
             return self.single(f32::exp);
         }
         let c = Self::constant;
-        let x = self.clamp(c(-87.3), c(88.3));
+        let x = self.clamp(c(EXP_RANGE[0]), c(EXP_RANGE[1]));
         let shifted = x.mul_add(c(std::f64::consts::LOG2_E), c(ROUND));
         let k = shifted - c(ROUND);
-        let r = (-k).mul_add(c(0.693_359_375), x);
-        let r = (-k).mul_add(c(-2.121_944_4e-4), r);
-        let p = r.polynomial([
-            1.987_569_15e-4,
-            1.398_199_950_7e-3,
-            8.333_451_907_3e-3,
-            4.166_579_589_4e-2,
-            1.666_666_545_9e-1,
-            5.000_000_120_1e-1,
-        ]);
+        let r = (-k).mul_add(c(LN_2[0]), x);
+        let r = (-k).mul_add(c(LN_2[1]), r);
+        let p = r.polynomial(EXP);
         let p = (r * r).mul_add(p, r) + c(1.0);
         let t = token::<S>();
         let power = t.wrapping_dyn_shl_u32s(shifted.bits(), t.splat_u32s(23));
@@ -565,7 +549,7 @@ impl<S: Simd> Scalar for Register<S> {
         p * power
     }
 
-    /// Exponent and mantissa are split so that the mantissa lies in [√½, √2), then a polynomial. For normal x > 0.
+    /// Exponent and mantissa are split so that the mantissa lies in [√½, √2), then a polynomial. For normal x > 0; NaN unless x > 0.
     #[inline(always)]
     fn ln(self) -> Self {
         if !is_fused::<S>() {
@@ -573,28 +557,18 @@ impl<S: Simd> Scalar for Register<S> {
         }
         let c = Self::constant;
         let t = token::<S>();
-        const SQRT_HALF: u32 = 0x3F35_04F3;
         let shifted = t.add_u32s(self.bits(), t.splat_u32s(0x3F80_0000 - SQRT_HALF));
         let exponent = t.wrapping_dyn_shr_u32s(shifted, t.splat_u32s(23));
         // adding to the bits of 1.5 · 2²³ turns a small integer into a float
         let exponent = Self::from_bits(t.add_u32s(exponent, t.splat_u32s(0x4B40_0000))) - c(ROUND + 127.0);
         let mantissa = t.add_u32s(t.and_u32s(shifted, t.splat_u32s(0x007F_FFFF)), t.splat_u32s(SQRT_HALF));
         let x = Self::from_bits(mantissa) - c(1.0);
-        let p = x.polynomial([
-            7.037_683_629_2e-2,
-            -1.151_461_031_0e-1,
-            1.167_699_874_0e-1,
-            -1.242_014_084_6e-1,
-            1.424_932_278_7e-1,
-            -1.666_805_766_5e-1,
-            2.000_071_476_5e-1,
-            -2.499_999_399_3e-1,
-            3.333_333_117_4e-1,
-        ]);
+        let p = x.polynomial(LN);
         let z = x * x;
-        let y = (x * z).mul_add(p, exponent * c(-2.121_944_4e-4));
+        let y = (x * z).mul_add(p, exponent * c(LN_2[1]));
         let y = z.mul_add(c(-0.5), y);
-        exponent.mul_add(c(0.693_359_375), x + y)
+        let logarithm = exponent.mul_add(c(LN_2[0]), x + y);
+        Self::select(c(0.0).lt(self), logarithm, c(f64::NAN))
     }
 
     /// Odd polynomial below 0.625, 1 − 2/(e^{2|x|} + 1) above.
@@ -605,18 +579,12 @@ impl<S: Simd> Scalar for Register<S> {
         }
         let c = Self::constant;
         let z = self * self;
-        let p = z.polynomial([
-            -5.704_988_727_45e-3,
-            2.063_908_879_54e-2,
-            -5.373_971_555_31e-2,
-            1.333_144_220_36e-1,
-            -3.333_328_194_22e-1,
-        ]);
+        let p = z.polynomial(TANH);
         let small = (self * z).mul_add(p, self);
         let size = self.abs();
         let large = c(1.0) - c(2.0) * ((size + size).exp() + c(1.0)).recip();
         let large = Self::select(self.lt(c(0.0)), -large, large);
-        Self::select(size.lt(c(0.625)), small, large)
+        Self::select(size.lt(c(TANH_SMALL)), small, large)
     }
 
     /// arctan of the smaller over the larger of |x|, |y|, brought below tan(π/8), then unfolded by octant.
@@ -626,11 +594,11 @@ impl<S: Simd> Scalar for Register<S> {
         let (ay, ax) = (self.abs(), x.abs());
         let steep = ax.lt(ay);
         let (low, high) = (Self::select(steep, ax, ay), Self::select(steep, ay, ax));
-        let t = low * high.max(c(1e-37)).recip();
-        let folded = c(std::f64::consts::SQRT_2 - 1.0).lt(t);
+        let t = low * high.max(c(ATAN_LEAST)).recip();
+        let folded = c(ATAN_FOLD).lt(t);
         let r = Self::select(folded, (t - c(1.0)) * (t + c(1.0)).recip(), t);
         let z = r * r;
-        let p = z.polynomial([8.053_744_495_38e-2, -1.387_768_560_32e-1, 1.997_771_064_78e-1, -3.333_294_915_39e-1]);
+        let p = z.polynomial(ATAN);
         let angle = (r * z).mul_add(p, r);
         let angle = Self::select(folded, angle + c(std::f64::consts::FRAC_PI_4), angle);
         let angle = Self::select(steep, c(std::f64::consts::FRAC_PI_2) - angle, angle);

@@ -8,6 +8,7 @@
 //! | [`jet`] | truncated Taylor series over any scalar |
 //! | `lanes`, `columns`, `unrolled` | SIMD registers as scalars, chosen at run time; where their numbers stand; loops over components |
 //! | [`custom`] | functions with a derivative of their own, for solvers inside kernels |
+//! | [`native`] | machine code of programs, made at run time |
 //! | `trace`, [`program`] | recording scalar; compiled programs and derived adjoints |
 //! | `sweep` | the chain rule of a recording, backwards for all results at once |
 //! | `system` | what is differentiated: x⁺ = f(x, u, θ), costs |
@@ -26,6 +27,8 @@ pub mod derivative;
 pub(crate) mod dual;
 pub mod jet;
 pub(crate) mod lanes;
+pub mod native;
+pub(crate) mod polynomials;
 pub mod program;
 pub mod rollout;
 pub mod safe;

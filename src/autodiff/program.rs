@@ -1,4 +1,5 @@
-//! What a recording compiles to: instructions over numbered slots, run in `f64` or over blocks of lanes.
+//! What a recording compiles to: a [`ValueForm`] that every back end reads, machine code where it may be made, and instructions over
+//! numbered slots for the interpreter, in `f64` or over blocks of lanes.
 //!
 //! Compilation drops dead nodes, fuses multiplications into the one addition that uses them, fuses comparisons into
 //! selections and sines with cosines, and gives slots by liveness so that the working set stays in cache. The
@@ -6,94 +7,44 @@
 //! shared by all of them. Calls of custom functions stand between runs of instructions, which know nothing of them.
 
 mod block;
-mod compile;
+mod plan;
 mod runs;
+mod slots;
+mod value;
 
+pub use self::value::{Action, CallOf, Instruction, Op, Source, Split, Value, ValueForm};
 pub use super::columns::BLOCK;
 
 use self::runs::{Neutral, Run};
 use super::columns::{Columns, LINE, Lines};
-use super::custom::Operation;
+use super::custom::{Operation, Scratch};
 use super::lanes::dispatch;
+use super::native::{self, Code, Layout, Row, Rows, WhyInterpreted, availability, in_standard_modes};
 use super::scalar::Scalar;
 use super::trace::Recording;
-use crate::error::{Error, Result};
-
-/// Most slots of a program: they are numbered by `u16`.
-pub(super) const MAX_SLOTS: usize = 1 << 16;
-
-/// What a recording with more values than [`MAX_SLOTS`] alive at once is refused with.
-pub(super) fn too_many(n_slot: usize) -> Error {
-    let remedy = "Record a smaller function: one step instead of a rollout.";
-    Error::limit("number of values alive at once in a program", n_slot, MAX_SLOTS, remedy)
-}
+use crate::error::Error;
+use crate::error::Result as Checked;
+use std::sync::{Arc, OnceLock};
 
 /// Slots of a small workspace: 32 KiB.
 const FEW_SLOTS: usize = 1 << 12;
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(u8)]
-enum Op {
-    Add,
-    Sub,
-    Mul,
-    Div,
-    Neg,
-    Recip,
-    Sqrt,
-    /// Results in `target` (sine) and `d` (cosine).
-    SinCos,
-    Exp,
-    Ln,
-    Tanh,
-    Atan2,
-    /// a·b + c
-    MulAdd,
-    /// c − a·b
-    NegMulAdd,
-    /// a·b − c
-    MulSub,
-    /// a·b + c·d
-    TwoProducts,
-    /// c·d − a·b
-    ProductDifference,
-    Less,
-    And,
-    Or,
-    Not,
-    /// a where mask c, else b.
-    Select,
-    /// c where a < b, else d.
-    SelectLess,
-}
+/// Slots of a roomy one: half a mebibyte.
+const MANY_SLOTS: usize = 1 << 16;
 
-impl Op {
-    /// Whether it is a sum of products, see [`runs`].
-    const fn is_sum(self) -> bool {
-        use Op::*;
-        matches!(self, Add | Sub | Mul | Neg | MulAdd | NegMulAdd | MulSub | TwoProducts | ProductDifference)
-    }
+/// Most values of a program: they are numbered by `u32`.
+const MAX_VALUES: usize = u32::MAX as usize;
 
-    /// How many of the operands a to d it reads.
-    #[inline(always)]
-    const fn n_operand(self) -> usize {
-        match self {
-            Op::Neg | Op::Recip | Op::Sqrt | Op::SinCos | Op::Exp | Op::Ln | Op::Tanh | Op::Not => 1,
-            Op::Add | Op::Sub | Op::Mul | Op::Div | Op::Atan2 | Op::Less | Op::And | Op::Or => 2,
-            Op::MulAdd | Op::NegMulAdd | Op::MulSub | Op::Select => 3,
-            Op::TwoProducts | Op::ProductDifference | Op::SelectLess => 4,
-        }
-    }
-}
-
+/// An instruction over slots.
 #[derive(Debug, Clone, Copy)]
-struct Instruction {
+struct Placed {
     op: Op,
-    target: u16,
-    a: u16,
-    b: u16,
-    c: u16,
-    d: u16,
+    target: u32,
+    a: u32,
+    b: u32,
+    c: u32,
+    /// Of a sine and cosine, the second result.
+    d: u32,
 }
 
 /// A custom function of slots, made when the instructions before it are done.
@@ -102,32 +53,45 @@ struct Call {
     /// How many those are.
     after: usize,
     operation: Operation,
-    inputs: Vec<u16>,
+    inputs: Vec<u32>,
     /// (slot, result), for the results that matter.
-    outputs: Vec<(u16, u32)>,
+    outputs: Vec<(u32, u32)>,
 }
 
-/// A compiled recording.
+/// A program over slots.
 #[derive(Debug, Clone)]
-pub struct Program {
-    n_input: usize,
+struct Interpreter {
     n_slot: usize,
-    instructions: Vec<Instruction>,
-    /// The same, grouped: before the first call, between the first and the second, and so on.
+    /// Instructions, grouped: before the first call, between the first and the second, and so on.
     runs: Vec<Vec<Run>>,
     neutral: Neutral,
     /// In the order they are made.
     calls: Vec<Call>,
     /// (slot, value), never overwritten.
-    constants: Vec<(u16, f64)>,
+    constants: Vec<(u32, f64)>,
     /// (slot, input), for the inputs that matter.
-    inputs: Vec<(u16, u32)>,
-    outputs: Vec<u16>,
+    inputs: Vec<(u32, u32)>,
+    outputs: Vec<u32>,
+}
+
+/// A compiled recording.
+#[derive(Debug, Clone)]
+pub struct Program {
+    form: Arc<ValueForm>,
+    interpreter: Arc<Interpreter>,
+    made: Arc<Made>,
+}
+
+/// Machine code of a program, made when somebody asks for the first workspace.
+#[derive(Debug, Default)]
+struct Made {
+    single: OnceLock<Result<Code, WhyInterpreted>>,
+    block: OnceLock<Result<Code, WhyInterpreted>>,
 }
 
 /// Slots of one `f64` evaluation; made once, reused without allocation.
 ///
-/// As many as a masked `u16` can name, so that no access needs a bounds check.
+/// Where they are few or many, as many as a mask can name, so that no access needs a bounds check.
 #[derive(Debug, Clone)]
 pub struct Workspace {
     slots: Slots,
@@ -136,8 +100,12 @@ pub struct Workspace {
 
 #[derive(Debug, Clone)]
 enum Slots {
+    /// Of machine code.
+    Native(Lines),
     Few(Box<[f64; FEW_SLOTS]>),
-    Many(Box<[f64; MAX_SLOTS]>),
+    Many(Box<[f64; MANY_SLOTS]>),
+    /// As many as the program has.
+    All(Vec<f64>),
 }
 
 impl Workspace {
@@ -149,8 +117,10 @@ impl Workspace {
     /// By number of the slot.
     pub(crate) fn slots(&self) -> &[f64] {
         match &self.slots {
+            Slots::Native(slots) => slots.as_flattened(),
             Slots::Few(slots) => &slots[..],
             Slots::Many(slots) => &slots[..],
+            Slots::All(slots) => slots,
         }
     }
 }
@@ -160,15 +130,17 @@ impl Workspace {
 pub struct BlockWorkspace {
     slots: Columns,
     scratch: Vec<f64>,
+    /// Of machine code, where there is some; the others are empty then.
+    native: Option<Lines>,
 }
 
 impl Program {
     /// Compiles a recording.
     ///
     /// # Errors
-    /// [`Error::Limit`] when more than 65 535 values are alive at once.
-    pub fn compile(recording: &Recording) -> Result<Self> {
-        compile::Compiler::new(&recording.attached()).run(false)
+    /// [`Error::Limit`] when it has more than 2³² values.
+    pub fn compile(recording: &Recording) -> Checked<Self> {
+        Self::compiled(recording, false)
     }
 
     /// As [`Program::compile`] for use in `f64`: instructions that do not wait for each other stand together. Takes more slots,
@@ -176,23 +148,71 @@ impl Program {
     ///
     /// # Errors
     /// As [`Program::compile`].
-    pub(crate) fn compile_single(recording: &Recording) -> Result<Self> {
-        compile::Compiler::new(&recording.attached()).run(true)
+    pub(crate) fn compile_single(recording: &Recording) -> Checked<Self> {
+        Self::compiled(recording, true)
+    }
+
+    fn compiled(recording: &Recording, scheduled: bool) -> Checked<Self> {
+        let recording = recording.attached();
+        let n_value = recording.n_input + recording.nodes.len();
+        if n_value > MAX_VALUES {
+            let remedy = "Record a smaller function: one step instead of a rollout.";
+            return Err(Error::limit("number of values of a program", n_value, MAX_VALUES, remedy));
+        }
+        Ok(Self::of_form(plan::Planner::new(&recording).run(), scheduled))
+    }
+
+    pub(crate) fn of_form(form: ValueForm, scheduled: bool) -> Self {
+        let interpreter = slots::interpreter(&form, scheduled);
+        Self { form: Arc::new(form), interpreter: Arc::new(interpreter), made: Arc::default() }
+    }
+
+    /// The program as values: what it computes, in an order, with fusions decided.
+    pub fn value_form(&self) -> &ValueForm {
+        &self.form
+    }
+
+    /// The same, to share.
+    pub(crate) fn form(&self) -> &Arc<ValueForm> {
+        &self.form
+    }
+
+    /// Whether [`evaluate_block`](Self::evaluate_block) runs machine code instead of the interpreter: the same bits, several times as
+    /// fast.
+    pub fn is_native(&self) -> bool {
+        self.why_interpreted().is_none()
+    }
+
+    /// Why it does not.
+    pub fn why_interpreted(&self) -> Option<WhyInterpreted> {
+        self.block_code().as_ref().err().copied()
+    }
+
+    fn block_code(&self) -> &Result<Code, WhyInterpreted> {
+        self.made.block.get_or_init(|| self.code::<[f32; BLOCK]>())
+    }
+
+    fn single_code(&self) -> &Result<Code, WhyInterpreted> {
+        self.made.single.get_or_init(|| self.code::<f64>())
+    }
+
+    fn code<R: Row>(&self) -> Result<Code, WhyInterpreted> {
+        native::code::<R>(&self.form, &Layout::apart(self.n_input(), self.n_output()))
     }
 
     /// Number of inputs.
     pub fn n_input(&self) -> usize {
-        self.n_input
+        self.form.n_input
     }
 
     /// Number of results.
     pub fn n_output(&self) -> usize {
-        self.outputs.len()
+        self.form.results.len()
     }
 
     /// Number of instructions, with calls.
     pub fn len(&self) -> usize {
-        self.instructions.len() + self.calls.len()
+        self.form.instructions.len()
     }
 
     /// Whether there is nothing to do but copy constants and inputs.
@@ -202,12 +222,20 @@ impl Program {
 
     /// Number of slots: values alive at once, with constants.
     pub fn n_slot(&self) -> usize {
-        self.n_slot
+        self.interpreter.n_slot
     }
 
-    /// Scratch for [`Program::evaluate`].
+    /// Scratch for [`Program::evaluate`]. The first one makes its machine code: about half a microsecond an instruction.
     pub fn workspace(&self) -> Workspace {
-        if self.neutral.n_slot() > FEW_SLOTS {
+        match availability().and_then(|()| self.single_code().clone()) {
+            Ok(code) => Workspace { slots: Slots::Native(code.slots()), scratch: Vec::new() },
+            Err(_) => self.interpreter_workspace(),
+        }
+    }
+
+    /// Scratch with which [`Program::evaluate`] interprets, whether there is machine code or not.
+    pub fn interpreter_workspace(&self) -> Workspace {
+        if self.interpreter.neutral.n_slot() > FEW_SLOTS {
             return self.roomy_workspace();
         }
         let mut slots = Box::new([0.0; FEW_SLOTS]);
@@ -219,30 +247,44 @@ impl Program {
     /// for the slots in use.
     pub(crate) fn roomy_workspace(&self) -> Workspace {
         // from the allocator's zeros, which are not written
-        let zeros: Box<[f64]> = vec![0.0; MAX_SLOTS].into_boxed_slice();
-        let mut slots = zeros.try_into().unwrap_or_else(|_| Box::new([0.0; MAX_SLOTS]));
-        self.write_constants(&mut slots[..]);
-        Workspace { slots: Slots::Many(slots), scratch: self.scratch() }
+        let n_slot = self.interpreter.neutral.n_slot().max(MANY_SLOTS);
+        let mut zeros: Box<[f64]> = vec![0.0; n_slot].into_boxed_slice();
+        self.write_constants(&mut zeros);
+        let slots = zeros.try_into().map_or_else(|all: Box<[f64]>| Slots::All(all.into_vec()), Slots::Many);
+        Workspace { slots, scratch: self.scratch() }
     }
 
     fn write_constants(&self, slots: &mut [f64]) {
-        for (slot, value) in self.constants.iter().copied().chain(self.neutral.values()) {
+        for (slot, value) in self.fixed_slots() {
             slots[slot as usize] = value;
         }
     }
 
-    /// Scratch for [`Program::evaluate_block`].
+    /// (slot, value) of the slots that no instruction writes.
+    fn fixed_slots(&self) -> impl Iterator<Item = (u32, f64)> + '_ {
+        self.interpreter.constants.iter().copied().chain(self.interpreter.neutral.values())
+    }
+
+    /// Scratch for [`Program::evaluate_block`]. The first one makes its machine code, as [`Program::workspace`] does.
     pub fn block_workspace(&self) -> BlockWorkspace {
-        let mut slots = Columns::zeros(self.neutral.n_slot());
-        for (slot, value) in self.constants.iter().copied().chain(self.neutral.values()) {
+        match availability().and_then(|()| self.block_code().clone()) {
+            Ok(code) => BlockWorkspace { slots: Columns::default(), scratch: Vec::new(), native: Some(code.slots()) },
+            Err(_) => self.interpreter_block_workspace(),
+        }
+    }
+
+    /// Scratch with which [`Program::evaluate_block`] interprets, whether there is machine code or not.
+    pub fn interpreter_block_workspace(&self) -> BlockWorkspace {
+        let mut slots = Columns::zeros(self.interpreter.neutral.n_slot());
+        for (slot, value) in self.fixed_slots() {
             slots[slot as usize] = [value as f32; BLOCK];
         }
-        BlockWorkspace { slots, scratch: self.scratch() }
+        BlockWorkspace { slots, scratch: self.scratch(), native: None }
     }
 
     /// Arguments and results of one call at a time.
     fn scratch(&self) -> Vec<f64> {
-        let sizes = self.calls.iter().map(|call| call.operation.n_input() + call.operation.n_output());
+        let sizes = self.form.calls.iter().map(|call| call.operation.n_input() + call.operation.n_output());
         vec![0.0; sizes.max().unwrap_or(0)]
     }
 
@@ -252,61 +294,62 @@ impl Program {
     /// If `inputs` or `outputs` are not of this program's sizes or the workspace has too few slots. One that another
     /// program made holds other constants: it gives wrong numbers.
     pub fn evaluate(&self, workspace: &mut Workspace, inputs: &[f64], outputs: &mut [f64]) {
-        assert_eq!(inputs.len(), self.n_input, "inputs of the program");
-        assert_eq!(outputs.len(), self.outputs.len(), "outputs of the program");
+        assert_eq!(inputs.len(), self.n_input(), "inputs of the program");
+        assert_eq!(outputs.len(), self.n_output(), "outputs of the program");
+        if let (Slots::Native(slots), Ok(code)) = (&mut workspace.slots, self.single_code()) {
+            let did = code.run(slots, &mut [Rows::Read(inputs), Rows::Write(outputs)], 1);
+            assert!(did, "slots of the program");
+            return;
+        }
         let slots = self.evaluate_inside(workspace, inputs);
-        for (output, slot) in outputs.iter_mut().zip(&self.outputs) {
+        for (output, slot) in outputs.iter_mut().zip(&self.interpreter.outputs) {
             *output = slots[*slot as usize];
         }
     }
 
     /// As [`Program::evaluate`]; result k stays at [`place(k)`](Self::place) of what is returned.
     pub(crate) fn evaluate_inside<'w>(&self, workspace: &'w mut Workspace, inputs: &[f64]) -> &'w [f64] {
-        assert_eq!(inputs.len(), self.n_input, "inputs of the program");
-        match &mut workspace.slots {
-            Slots::Few(slots) => self.run(slots, &mut workspace.scratch, inputs),
-            Slots::Many(slots) => self.run(slots, &mut workspace.scratch, inputs),
-        }
+        assert_eq!(inputs.len(), self.n_input(), "inputs of the program");
+        let Workspace { slots, scratch } = workspace;
+        in_standard_modes(|| match slots {
+            Slots::Native(_) => panic!("slots of the program"),
+            Slots::Few(slots) => self.interpreter.run(&mut **slots, scratch, inputs),
+            Slots::Many(slots) => self.interpreter.run(&mut **slots, scratch, inputs),
+            Slots::All(slots) => self.interpreter.run(slots, scratch, inputs),
+        });
         workspace.slots()
     }
 
     /// The slot of result `k`.
-    pub(crate) fn place(&self, k: usize) -> u16 {
-        self.outputs[k]
-    }
-
-    /// The `f64` interpreter: instructions up to each call, the call, and so on.
-    fn run<const N: usize>(&self, slots: &mut [f64; N], scratch: &mut [f64], inputs: &[f64]) {
-        assert!(N >= self.neutral.n_slot(), "slots of the program");
-        for &(slot, k) in &self.inputs {
-            slots[slot as usize & (N - 1)] = inputs[k as usize];
-        }
-        for (k, between) in self.runs.iter().enumerate() {
-            runs::run(between, slots);
-            if let Some(call) = self.calls.get(k) {
-                call.run(slots, scratch);
-            }
-        }
+    pub(crate) fn place(&self, k: usize) -> u32 {
+        self.interpreter.outputs[k]
     }
 
     /// Slots for [`Program::evaluate_steps`].
     pub(crate) fn step_slots(&self) -> Lines {
-        let mut slots = Lines::zeros(self.neutral.n_slot());
-        for (slot, value) in self.constants.iter().copied().chain(self.neutral.values()) {
+        let mut slots = Lines::zeros(self.interpreter.neutral.n_slot());
+        for (slot, value) in self.fixed_slots() {
             slots[slot as usize] = [value; LINE];
         }
         slots
     }
 
     /// Eight evaluations side by side, each to the bits of [`Program::evaluate`]: `inputs[k]` holds input k of each, and
-    /// result k stays in the slot [`place(k)`](Self::place). For programs without calls.
-    pub(crate) fn evaluate_steps(&self, slots: &mut Lines, inputs: &[[f64; LINE]]) {
-        assert!(self.calls.is_empty(), "a program without calls");
-        assert_eq!(inputs.len(), self.n_input, "inputs of the program");
-        for &(slot, k) in &self.inputs {
+    /// result k stays in the slot [`place(k)`](Self::place). Calls are made for the first `n`.
+    pub(crate) fn evaluate_steps(&self, n: usize, slots: &mut Lines, inputs: &[[f64; LINE]]) {
+        let Interpreter { runs, calls, inputs: read, .. } = &*self.interpreter;
+        assert_eq!(inputs.len(), self.n_input(), "inputs of the program");
+        for &(slot, k) in read {
             slots[slot as usize] = inputs[k as usize];
         }
-        self.runs.iter().for_each(|between| runs::run_steps(between, slots));
+        in_standard_modes(|| {
+            for (k, between) in runs.iter().enumerate() {
+                runs::run_steps(between, slots);
+                if let Some(call) = calls.get(k) {
+                    call.run_steps(n, slots);
+                }
+            }
+        });
     }
 
     /// `outputs = f(inputs)` over any scalar; over duals the derivative along their directions, without another compiled
@@ -315,33 +358,30 @@ impl Program {
     /// # Panics
     /// If `inputs` or `outputs` are not of this program's sizes.
     pub fn evaluate_over<S: Scalar>(&self, inputs: &[S], outputs: &mut [S]) {
-        assert_eq!(inputs.len(), self.n_input, "inputs of the program");
-        assert_eq!(outputs.len(), self.outputs.len(), "outputs of the program");
-        let mut slots = vec![S::zero(); self.n_slot];
-        for &(slot, value) in &self.constants {
-            slots[slot as usize] = S::constant(value);
-        }
-        for &(slot, k) in &self.inputs {
-            slots[slot as usize] = inputs[k as usize];
-        }
-        let mut done = 0;
-        for k in 0..self.calls.len() + 1 {
-            let end = self.calls.get(k).map_or(self.instructions.len(), |call| call.after);
-            for i in &self.instructions[done..end] {
-                let [a, b, c, d] = [i.a, i.b, i.c, i.d].map(|slot| slots[slot as usize]);
-                if i.op == Op::SinCos {
-                    (slots[i.target as usize], slots[i.d as usize]) = a.sin_cos();
-                } else {
-                    slots[i.target as usize] = apply(i.op, a, b, c, d);
+        assert_eq!(inputs.len(), self.n_input(), "inputs of the program");
+        assert_eq!(outputs.len(), self.n_output(), "outputs of the program");
+        let form = &*self.form;
+        let constants = form.constants().map(S::constant);
+        let mut values: Vec<S> = inputs.iter().copied().chain(constants).collect();
+        values.reserve_exact(form.n_value() - values.len());
+        for instruction in form.instructions() {
+            match instruction.action {
+                Action::Op(Op::SinCos, [a, ..]) => values.extend(<[S; 2]>::from(values[a.index()].sin_cos())),
+                Action::Op(op, operands) => {
+                    let [a, b, c, d] = operands.map(|value| values[value.index()]);
+                    values.push(apply(op, a, b, c, d));
+                }
+                Action::Call(number) => {
+                    let CallOf { operation, operands } = &form.calls()[number];
+                    let x: Vec<S> = operands.iter().map(|value| values[value.index()]).collect();
+                    let mut y = vec![S::zero(); operation.n_output()];
+                    S::call(operation, &x, &mut y);
+                    values.extend(y);
                 }
             }
-            if let Some(call) = self.calls.get(k) {
-                call.run_over(&mut slots);
-            }
-            done = end;
         }
-        for (output, slot) in outputs.iter_mut().zip(&self.outputs) {
-            *output = slots[*slot as usize];
+        for (output, value) in outputs.iter_mut().zip(form.results()) {
+            *output = values[value.index()];
         }
     }
 
@@ -368,33 +408,105 @@ impl Program {
         inputs: &[[f32; BLOCK]],
         outputs: &mut [[f32; BLOCK]],
     ) {
-        dispatch(block::Evaluate { program: self, n: n.clamp(1, BLOCK), workspace, inputs, outputs });
+        if let (Some(slots), Ok(code)) = (&mut workspace.native, self.block_code()) {
+            assert_eq!(
+                (inputs.len(), outputs.len()),
+                (self.n_input(), self.n_output()),
+                "inputs and outputs of the program"
+            );
+            let did = code.run(slots, &mut [Rows::Read(inputs), Rows::Write(outputs)], n.clamp(1, BLOCK));
+            assert!(did, "slots of the program");
+            return;
+        }
+        in_standard_modes(|| {
+            dispatch(block::Evaluate { program: self, n: n.clamp(1, BLOCK), workspace, inputs, outputs })
+        });
     }
 }
 
 impl Call {
     /// Arguments are read before results are written: they may share slots.
     #[inline(never)]
-    fn run(&self, slots: &mut [f64], scratch: &mut [f64]) {
+    fn run(&self, slots: &mut impl Storage, scratch: &mut [f64]) {
         let (n, m) = (self.inputs.len(), self.operation.n_output());
         let (x, y) = scratch[..n + m].split_at_mut(n);
         for (x, slot) in x.iter_mut().zip(&self.inputs) {
-            *x = slots[*slot as usize];
+            *x = slots.get(*slot);
         }
         self.operation.function().value(x, y);
         for &(slot, k) in &self.outputs {
-            slots[slot as usize] = y[k as usize];
+            slots.set(slot, y[k as usize]);
         }
     }
 
-    /// The same over any scalar.
-    fn run_over<S: Scalar>(&self, slots: &mut [S]) {
-        let x: Vec<S> = self.inputs.iter().map(|slot| slots[*slot as usize]).collect();
-        let mut y = vec![S::zero(); self.operation.n_output()];
-        S::call(&self.operation, &x, &mut y);
-        for &(slot, k) in &self.outputs {
-            slots[slot as usize] = y[k as usize];
+    /// Step by step.
+    fn run_steps(&self, n_step: usize, slots: &mut [[f64; LINE]]) {
+        let n = self.inputs.len();
+        let mut scratch = Scratch::<f64, 256>::new();
+        let (x, y) = scratch.of(n + self.operation.n_output()).split_at_mut(n);
+        for step in 0..n_step {
+            for (x, slot) in x.iter_mut().zip(&self.inputs) {
+                *x = slots[*slot as usize][step];
+            }
+            self.operation.function().value(x, y);
+            for &(slot, k) in &self.outputs {
+                slots[slot as usize][step] = y[k as usize];
+            }
         }
+    }
+}
+
+impl Interpreter {
+    /// In `f64`: instructions up to each call, the call, and so on.
+    fn run(&self, slots: &mut impl Storage, scratch: &mut [f64], inputs: &[f64]) {
+        assert!(slots.len() >= self.neutral.n_slot(), "slots of the program");
+        for &(slot, k) in &self.inputs {
+            slots.set(slot, inputs[k as usize]);
+        }
+        for (k, between) in self.runs.iter().enumerate() {
+            runs::run(between, slots);
+            if let Some(call) = self.calls.get(k) {
+                call.run(slots, scratch);
+            }
+        }
+    }
+}
+
+/// Numbered slots.
+trait Storage {
+    fn len(&self) -> usize;
+    fn get(&self, slot: u32) -> f64;
+    fn set(&mut self, slot: u32, value: f64);
+}
+
+/// N is a power of two above every slot number, so that masking changes nothing and spares the bounds checks.
+impl<const N: usize> Storage for [f64; N] {
+    #[inline(always)]
+    fn len(&self) -> usize {
+        N
+    }
+    #[inline(always)]
+    fn get(&self, slot: u32) -> f64 {
+        self[slot as usize & (N - 1)]
+    }
+    #[inline(always)]
+    fn set(&mut self, slot: u32, value: f64) {
+        self[slot as usize & (N - 1)] = value;
+    }
+}
+
+impl Storage for Vec<f64> {
+    #[inline(always)]
+    fn len(&self) -> usize {
+        self.len()
+    }
+    #[inline(always)]
+    fn get(&self, slot: u32) -> f64 {
+        self[slot as usize]
+    }
+    #[inline(always)]
+    fn set(&mut self, slot: u32, value: f64) {
+        self[slot as usize] = value;
     }
 }
 

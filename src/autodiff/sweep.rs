@@ -7,11 +7,14 @@
 
 use super::columns::{LINE, Lines};
 use super::lanes::{Kernel, Lanes, dispatch};
-use super::program::{MAX_SLOTS, Program, Workspace, too_many};
+use super::program::{Program, Workspace};
 use super::trace::Recording;
 use super::trace::chain::{Chain, Head, Price, Vertex};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use std::ops::Range;
+
+/// Most slots of values and of vertices: both numbers of an edge stand in one word.
+const MAX_SLOTS: usize = 1 << 16;
 
 /// Most registers that a vertex is swept for at once: sums of that many stay in registers.
 const REGISTERS: usize = 8;
@@ -115,7 +118,7 @@ impl Sweep {
         for (at, vertex) in chain.vertices.iter().enumerate() {
             let before = edges.len();
             for (head, weight) in &vertex.edges {
-                let weight = values.place(*weight as usize);
+                let weight = values.place(*weight as usize) as u16;
                 let from = match head {
                     Head::Vertex(v) => Some(slots[*v as usize]),
                     Head::Result(k) => lane[*k as usize],
@@ -140,8 +143,10 @@ impl Sweep {
                     n_slot as u32 - 1
                 }),
             };
-            if n_slot > MAX_SLOTS {
-                return Err(too_many(n_slot));
+            let n_alive = n_slot.max(values.n_slot());
+            if n_alive > MAX_SLOTS {
+                let remedy = "Record a smaller function: one step instead of a rollout.";
+                return Err(Error::limit("number of values alive at once in a derivative", n_alive, MAX_SLOTS, remedy));
             }
             slots.push(target);
             sums.push(Sum { n_edge: (edges.len() - before) as u32, target });
@@ -189,7 +194,7 @@ impl Sweep {
 
     /// Values and weights at eight points x side by side, `points[k]` holding number k of each.
     pub(crate) fn evaluate_steps(&self, scratch: &mut StepsScratch, points: &[[f64; LINE]]) {
-        self.values.evaluate_steps(&mut scratch.values, points);
+        self.values.evaluate_steps(LINE, &mut scratch.values, points);
     }
 
     /// x̄ = Jᵀ `seeds` at point `step` of the eight of [`evaluate_steps`](Self::evaluate_steps).

@@ -1,7 +1,7 @@
 //! A program over a block of environments: each instruction for all registers of the block, one after the other.
 
 use super::runs::{Run, Sum};
-use super::{BLOCK, BlockWorkspace, Call, Instruction, Op, Program, apply};
+use super::{BLOCK, BlockWorkspace, Call, Interpreter, Op, Placed, Program, apply};
 use crate::autodiff::lanes::{Kernel, Lanes};
 use std::cell::Cell;
 
@@ -19,26 +19,27 @@ impl Kernel for Evaluate<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) {
         let Self { program, n, workspace, inputs, outputs } = self;
-        assert_eq!(inputs.len(), program.n_input, "inputs of the program");
-        assert_eq!(outputs.len(), program.outputs.len(), "outputs of the program");
-        let slots = &mut workspace.slots[..program.neutral.n_slot()];
-        for &(slot, k) in &program.inputs {
+        assert_eq!(inputs.len(), program.n_input(), "inputs of the program");
+        assert_eq!(outputs.len(), program.n_output(), "outputs of the program");
+        let Interpreter { runs: all, calls, neutral, inputs: read, outputs: written, .. } = &*program.interpreter;
+        let slots = &mut workspace.slots[..neutral.n_slot()];
+        for &(slot, k) in read {
             slots[slot as usize] = inputs[k as usize];
         }
-        for k in 0..program.runs.len() {
-            let (runs, cells) = (&program.runs[k], Cell::from_mut(&mut *slots).as_slice_of_cells());
+        for k in 0..all.len() {
+            let (runs, cells) = (&all[k], Cell::from_mut(&mut *slots).as_slice_of_cells());
             match n.div_ceil(L::WIDTH) {
                 2 => Straight::<2> { runs, slots: cells, n }.outlined::<L>(),
                 4 => Straight::<4> { runs, slots: cells, n }.outlined::<L>(),
                 8 => Straight::<8> { runs, slots: cells, n }.outlined::<L>(),
                 _ => Straight::<0> { runs, slots: cells, n }.outlined::<L>(),
             }
-            if k < program.calls.len() {
-                program.calls[k].run_block(n, slots, &mut workspace.scratch);
+            if k < calls.len() {
+                calls[k].run_block(n, slots, &mut workspace.scratch);
             }
         }
         for k in 0..outputs.len() {
-            outputs[k] = slots[program.outputs[k] as usize];
+            outputs[k] = slots[written[k] as usize];
         }
     }
 }
@@ -121,7 +122,7 @@ fn add_up<L: Lanes>(slots: &[Slot], n: usize, sum: &Sum) {
 struct Rare<'a> {
     slots: &'a [Slot],
     n: usize,
-    i: &'a Instruction,
+    i: &'a Placed,
 }
 
 impl Kernel for Rare<'_> {
@@ -157,7 +158,7 @@ impl Kernel for Rare<'_> {
 
 /// One instruction over `n` registers. `op` is known at compile time in each arm of the caller's match.
 #[inline(always)]
-fn each<L: Lanes>(slots: &[Slot], n: usize, i: &Instruction, op: Op) {
+fn each<L: Lanes>(slots: &[Slot], n: usize, i: &Placed, op: Op) {
     let a = L::cells(&slots[i.a as usize]);
     let b = if op.n_operand() > 1 { L::cells(&slots[i.b as usize]) } else { a };
     let c = if op.n_operand() > 2 { L::cells(&slots[i.c as usize]) } else { a };

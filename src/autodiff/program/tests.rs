@@ -21,7 +21,10 @@ fn run_f64(program: &Program, inputs: &[f64]) -> Vec<f64> {
 }
 
 fn ops(program: &Program) -> Vec<Op> {
-    program.instructions.iter().map(|i| i.op).collect()
+    {
+        let op = |i: &Instruction| if let Action::Op(op, _) = i.action { Some(op) } else { None };
+        program.value_form().instructions().iter().filter_map(op).collect()
+    }
 }
 
 #[test]
@@ -58,7 +61,7 @@ fn what_no_result_needs_is_dropped() {
     });
     assert!(recording.nodes.len() > 8);
     assert_eq!(ops(&program), [Op::Sub]);
-    assert_eq!((program.inputs.len(), program.n_slot()), (2, 2), "not even the third input is loaded");
+    assert_eq!((program.interpreter.inputs.len(), program.n_slot()), (2, 2), "not even the third input is loaded");
     assert_eq!(run_f64(&program, &[5.0, 3.0, f64::NAN]), [2.0]);
 }
 
@@ -160,7 +163,7 @@ fn slots_of_angles_are_given_back_so_a_long_chain_of_rotations_needs_few() {
 #[test]
 fn a_workspace_used_before_gives_the_same_bits_again() {
     let (_, program) = compiled(3, |z| vec![(z[0] * z[1]).sin_cos().1 + z[2].exp(), z[0]]);
-    let mut workspace = program.workspace();
+    let mut workspace = program.interpreter_workspace();
     let (mut first, mut other, mut again) = ([0.0; 2], [0.0; 2], [0.0; 2]);
     program.evaluate(&mut workspace, &[0.1, 0.2, 0.3], &mut first);
     program.evaluate(&mut workspace, &[f64::NAN, f64::INFINITY, -3.0], &mut other);
@@ -175,7 +178,7 @@ fn a_workspace_with_too_few_slots_is_refused_not_folded_onto_itself() {
     let (_, large) = compiled(1, many);
     let (_, small) = compiled(1, |z| vec![z[0] * z[0]]);
     let mut outputs = vec![0.0; large.n_output()];
-    large.evaluate(&mut small.workspace(), &[1.0], &mut outputs);
+    large.evaluate(&mut small.interpreter_workspace(), &[1.0], &mut outputs);
 }
 
 /// A random expression graph over any scalar: the same for every scalar and seed. Values stay within about [−4, 4].
@@ -452,7 +455,7 @@ fn the_order_of_instructions_and_steps_side_by_side_change_no_bit() {
         let points: Vec<[f64; LINE]> = (0..4).map(|_| std::array::from_fn(|_| draw())).collect();
         for set in [Set::Avx512, Set::Avx2, Set::OneLane] {
             let mut slots = single.step_slots();
-            with_set(set, || single.evaluate_steps(&mut slots, &points));
+            with_set(set, || single.evaluate_steps(LINE, &mut slots, &points));
             for step in 0..LINE {
                 let z: Vec<f64> = points.iter().map(|row| row[step]).collect();
                 let (one, other) = (run_f64(&plain, &z), run_f64(&single, &z));

@@ -1,0 +1,778 @@
+//! Registers for the values of a program: one pass forward, where the value whose next use is furthest away leaves (Belady 1966).
+//!
+//! A value has a home in memory (an argument, a constant, a result, a slot) or none yet. It is stored once, when it leaves a register
+//! for the first time; what has a home leaves for nothing. A value in memory comes into a register only if something there is needed
+//! later than it is, else the instruction reads it where it lies.
+
+use super::layout::{Layout, Place};
+use super::lower::{Do, Lowered, Of, Operand, Step};
+use std::collections::HashMap;
+
+/// A register of numbers.
+pub(super) type Reg = u8;
+
+/// A place in memory.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(super) enum Mem {
+    /// By its place in the pool, see [`Allocated::pool`].
+    Constant(u32),
+    Slot(u32),
+    /// Where arguments and results of calls stand.
+    Call(u32),
+    Row(Place),
+}
+
+/// An operand that may lie in memory.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Rm {
+    Reg(Reg),
+    Mem(Mem),
+}
+
+/// What a fused multiply-add computes: ±(product) ± (addend).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Fused {
+    MulAdd,
+    NegMulAdd,
+    MulSub,
+}
+
+/// Which operands of a fused multiply-add are what: the target is the first, then `v`, then `rm`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Form {
+    /// target·rm + v
+    F132,
+    /// v·target + rm
+    F213,
+    /// v·rm + target
+    F231,
+}
+
+/// How two numbers are compared; a NaN is neither less nor greater.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Relation {
+    Less,
+    Greater,
+    NotLess,
+    NotGreater,
+}
+
+/// An instruction of the processor. `k` are registers of masks, `m` memory.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Instruction {
+    Load {
+        d: Reg,
+        m: Mem,
+    },
+    Store {
+        m: Mem,
+        s: Reg,
+    },
+    Move {
+        d: Reg,
+        s: Reg,
+    },
+    /// Of the operations with two operands.
+    Two {
+        what: Do,
+        d: Reg,
+        a: Reg,
+        b: Rm,
+    },
+    Sqrt {
+        d: Reg,
+        a: Rm,
+    },
+    Up {
+        d: Reg,
+        a: Reg,
+        by: u8,
+    },
+    Down {
+        d: Reg,
+        a: Reg,
+        by: u8,
+    },
+    Fused {
+        what: Fused,
+        form: Form,
+        d: Reg,
+        v: Reg,
+        rm: Rm,
+    },
+    /// k = a ~ b
+    Compare {
+        k: Reg,
+        a: Reg,
+        b: Rm,
+        relation: Relation,
+    },
+    /// k = whether a and b share a bit, or do not.
+    Test {
+        k: Reg,
+        a: Reg,
+        b: Rm,
+        share: bool,
+    },
+    /// d = yes where k, else no.
+    Blend {
+        d: Reg,
+        k: Reg,
+        no: Reg,
+        yes: Rm,
+    },
+    /// d = a constant where k, else 0.
+    Where {
+        d: Reg,
+        k: Reg,
+        m: Mem,
+    },
+    /// d ^= b & c
+    Flip {
+        d: Reg,
+        b: Reg,
+        c: Rm,
+    },
+    /// d = all bits where a ~ b, else none. Without registers of masks.
+    CompareInto {
+        d: Reg,
+        a: Reg,
+        b: Rm,
+        relation: Relation,
+    },
+    /// d = yes where the highest bit of `by` is set, else no.
+    BlendBy {
+        d: Reg,
+        by: Reg,
+        no: Reg,
+        yes: Rm,
+    },
+    /// Arguments and results stand where calls have them.
+    Call {
+        number: u32,
+    },
+}
+
+/// What a processor has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(super) struct Target {
+    pub(super) n_register: usize,
+    /// Registers of masks, and constants that fill a register from one number in memory.
+    pub(super) has_masks: bool,
+    /// One number a register instead of many.
+    pub(super) is_single: bool,
+}
+
+/// A program in instructions of a processor.
+#[derive(Debug, Clone)]
+pub(super) struct Allocated {
+    pub(super) instructions: Vec<Instruction>,
+    /// Bits of the constants, most used first.
+    pub(super) pool: Vec<u64>,
+    pub(super) n_slot: usize,
+}
+
+const NOWHERE: Reg = Reg::MAX;
+const NEVER: u32 = u32::MAX;
+const NOBODY: u32 = u32::MAX;
+const N_MASK: usize = 6;
+
+/// Half-steps that a value without a home must be needed later than one with, to leave instead: a store costs as much as waiting.
+const WITH_HOME: u64 = 3;
+const WITHOUT_HOME: u64 = 2;
+
+/// A comparison that a register of masks holds: a < b, or not.
+type Held = (u32, u32, bool);
+
+struct Allocator<'a> {
+    lowered: &'a Lowered,
+    target: Target,
+    n_input: usize,
+    first_step: usize,
+    /// Times at which values are read, those of value v at `first[v]..first[v + 1]`.
+    uses: Vec<u32>,
+    first: Vec<u32>,
+    /// The next of them, per value.
+    cursor: Vec<u32>,
+    register: Vec<Reg>,
+    home: Vec<Option<Mem>>,
+    /// The value that a register holds.
+    holds: [u32; 32],
+    /// Registers that the current step reads or writes.
+    pinned: u32,
+    now: u32,
+    free_slots: Vec<u32>,
+    /// Slots that are free behind the current step: it may read them still.
+    ending: Vec<u32>,
+    n_slot: u32,
+    masks: [Option<Held>; N_MASK],
+    next_mask: usize,
+    out: Vec<Instruction>,
+}
+
+/// A result that is stored behind all steps.
+struct Late {
+    value: Operand,
+    place: Place,
+}
+
+/// Gives registers to a program whose arguments and results lie as `layout` says.
+pub(super) fn allocate(lowered: &mut Lowered, layout: &Layout, target: Target) -> Allocated {
+    protect_arguments(lowered, layout);
+    let (stores, late) = order_of_stores(lowered, layout);
+    Allocator::new(lowered, layout, target, &late).run(&stores, &late)
+}
+
+/// Arguments that are results as they are, in a place that another result is written to, are copied first.
+fn protect_arguments(lowered: &mut Lowered, layout: &Layout) {
+    let written: HashMap<Place, usize> = layout.results().iter().copied().zip(0..).collect();
+    let mut copies: HashMap<usize, Operand> = HashMap::new();
+    for k in 0..lowered.results.len() {
+        if let Of::Input(input) = lowered.results[k].of()
+            && written.get(&layout.arguments()[input]).is_some_and(|by| *by != k)
+        {
+            let steps = &mut lowered.steps;
+            lowered.results[k] = *copies.entry(input).or_insert_with(|| {
+                steps.push(Step::new(Do::Copy, &[Operand::input(input)]));
+                Operand::step(steps.len() - 1)
+            });
+        }
+    }
+}
+
+/// Results by the step that they are stored behind, and those that wait for the end: what is no step, and what is written over an
+/// argument that is read later.
+fn order_of_stores(lowered: &Lowered, layout: &Layout) -> (HashMap<usize, Vec<Place>>, Vec<Late>) {
+    let mut read_last: HashMap<Place, usize> = HashMap::new();
+    for (time, step) in lowered.steps.iter().enumerate() {
+        let called: &[Operand] =
+            if let Do::Call(number) = step.what { &lowered.calls[number as usize].operands } else { &[] };
+        for operand in step.operands().iter().chain(called) {
+            if let Of::Input(k) = operand.of() {
+                read_last.insert(layout.arguments()[k], time);
+            }
+        }
+    }
+    let (mut stores, mut late) = (HashMap::<usize, Vec<Place>>::new(), Vec::new());
+    for (value, place) in lowered.results.iter().zip(layout.results()) {
+        match value.of() {
+            Of::Step(k) if read_last.get(place).is_none_or(|last| *last <= k) => {
+                stores.entry(k).or_default().push(*place)
+            }
+            // as an argument in its own place
+            Of::Input(k) if layout.arguments()[k] == *place => {}
+            _ => late.push(Late { value: *value, place: *place }),
+        }
+    }
+    (stores, late)
+}
+
+impl<'a> Allocator<'a> {
+    fn new(lowered: &'a Lowered, layout: &Layout, target: Target, late: &[Late]) -> Self {
+        let n_input = lowered.n_input;
+        let first_step = n_input + lowered.constants.len();
+        let n_value = first_step + lowered.steps.len();
+        let mut allocator = Self {
+            lowered,
+            target,
+            n_input,
+            first_step,
+            uses: Vec::new(),
+            first: vec![0; n_value + 1],
+            cursor: Vec::new(),
+            register: vec![NOWHERE; n_value],
+            home: vec![None; n_value],
+            holds: [NOBODY; 32],
+            pinned: 0,
+            now: 0,
+            free_slots: Vec::new(),
+            ending: Vec::new(),
+            n_slot: 0,
+            masks: [None; N_MASK],
+            next_mask: 0,
+            out: Vec::with_capacity(lowered.steps.len() * 5 / 4),
+        };
+        allocator.list_uses(late);
+        for (home, place) in allocator.home.iter_mut().zip(layout.arguments()) {
+            *home = Some(Mem::Row(*place));
+        }
+        allocator
+    }
+
+    fn value(&self, operand: Operand) -> usize {
+        match operand.of() {
+            Of::Input(k) => k,
+            Of::Constant(k) => self.n_input + k,
+            Of::Step(k) => self.first_step + k,
+        }
+    }
+
+    fn list_uses(&mut self, late: &[Late]) {
+        let lowered = self.lowered;
+        let mut reads = Vec::with_capacity(lowered.steps.len() * 2);
+        for (time, step) in lowered.steps.iter().enumerate() {
+            let called: &[Operand] =
+                if let Do::Call(number) = step.what { &lowered.calls[number as usize].operands } else { &[] };
+            reads
+                .extend(step.operands().iter().chain(called).map(|operand| (self.value(*operand) as u32, time as u32)));
+        }
+        let behind = lowered.steps.len() as u32;
+        reads.extend(late.iter().zip(behind..).map(|(late, time)| (self.value(late.value) as u32, time)));
+        for (value, _) in &reads {
+            self.first[*value as usize + 1] += 1;
+        }
+        for v in 0..self.first.len() - 1 {
+            self.first[v + 1] += self.first[v];
+        }
+        let mut fill = self.first.clone();
+        self.uses = vec![0; reads.len()];
+        for (value, time) in reads {
+            let at = &mut fill[value as usize];
+            self.uses[*at as usize] = time;
+            *at += 1;
+        }
+        self.cursor = self.first[..self.first.len() - 1].to_vec();
+    }
+
+    fn run(mut self, stores: &HashMap<usize, Vec<Place>>, late: &[Late]) -> Allocated {
+        let pool = self.place_constants();
+        for (k, step) in self.lowered.steps.iter().enumerate() {
+            self.now = k as u32;
+            if let Some(d) = self.step(step) {
+                let value = self.first_step + k;
+                self.hold(d, value);
+                for place in stores.get(&k).into_iter().flatten() {
+                    self.out.push(Instruction::Store { m: Mem::Row(*place), s: d });
+                    self.home[value] = Some(Mem::Row(*place));
+                }
+                if self.next_use(value) == NEVER {
+                    self.forget(value);
+                }
+            }
+            self.pinned = 0;
+            self.free_slots.append(&mut self.ending);
+        }
+        for (late, time) in late.iter().zip(self.lowered.steps.len() as u32..) {
+            self.now = time;
+            let value = self.value(late.value);
+            let s = self.ensure(value);
+            self.out.push(Instruction::Store { m: Mem::Row(late.place), s });
+            self.release(&[value]);
+            self.pinned = 0;
+        }
+        Allocated { instructions: self.out, pool, n_slot: self.n_slot as usize }
+    }
+
+    /// The most used constants stand first, where a byte names them.
+    fn place_constants(&mut self) -> Vec<u64> {
+        let n_use = |k: &usize| self.first[self.n_input + k + 1] - self.first[self.n_input + k];
+        let mut order: Vec<usize> = (0..self.lowered.constants.len()).collect();
+        order.sort_by_key(|k| std::cmp::Reverse(n_use(k)));
+        for (place, k) in order.iter().enumerate() {
+            self.home[self.n_input + k] = Some(Mem::Constant(place as u32));
+        }
+        order.iter().map(|k| self.lowered.constants[*k]).collect()
+    }
+
+    /// The next use of a value behind the current step.
+    fn next_use(&mut self, value: usize) -> u32 {
+        let end = self.first[value + 1];
+        let cursor = &mut self.cursor[value];
+        while *cursor < end && self.uses[*cursor as usize] <= self.now {
+            *cursor += 1;
+        }
+        if *cursor < end { self.uses[*cursor as usize] } else { NEVER }
+    }
+
+    /// How far away the next use of a value is, weighted by what it costs to have it in memory.
+    fn distance(&mut self, value: usize) -> u64 {
+        let weight = if self.home[value].is_some() { WITH_HOME } else { WITHOUT_HOME };
+        u64::from(self.next_use(value) - self.now) * weight
+    }
+
+    /// The register that may be taken best, and how far away what it holds is needed.
+    fn best(&mut self) -> (Reg, u64) {
+        let mut best = (NOWHERE, 0);
+        for r in 0..self.target.n_register as Reg {
+            if self.pinned >> r & 1 == 1 {
+                continue;
+            }
+            let value = self.holds[usize::from(r)];
+            if value == NOBODY {
+                return (r, u64::MAX);
+            }
+            let distance = self.distance(value as usize);
+            if distance > best.1 {
+                best = (r, distance);
+            }
+        }
+        best
+    }
+
+    /// A register for something new; what it held goes home.
+    fn take(&mut self) -> Reg {
+        let (r, _) = self.best();
+        let value = self.holds[usize::from(r)];
+        if value != NOBODY {
+            self.send_home(value as usize);
+            self.forget(value as usize);
+        }
+        self.pinned |= 1 << r;
+        r
+    }
+
+    fn send_home(&mut self, value: usize) {
+        if self.home[value].is_none() {
+            let slot = self.free_slots.pop().unwrap_or_else(|| {
+                self.n_slot += 1;
+                self.n_slot - 1
+            });
+            let m = Mem::Slot(slot);
+            self.home[value] = Some(m);
+            self.out.push(Instruction::Store { m, s: self.register[value] });
+        }
+    }
+
+    fn hold(&mut self, r: Reg, value: usize) {
+        self.register[value] = r;
+        self.holds[usize::from(r)] = value as u32;
+        self.pinned |= 1 << r;
+    }
+
+    fn forget(&mut self, value: usize) {
+        let r = std::mem::replace(&mut self.register[value], NOWHERE);
+        if r != NOWHERE {
+            self.holds[usize::from(r)] = NOBODY;
+            self.pinned &= !(1 << r);
+        }
+    }
+
+    fn memory(&self, value: usize) -> Mem {
+        // a value outside registers went home when it left them
+        self.home[value].unwrap_or(Mem::Slot(0))
+    }
+
+    /// Has the value in a register.
+    fn ensure(&mut self, value: usize) -> Reg {
+        if self.register[value] == NOWHERE {
+            let d = self.take();
+            self.out.push(Instruction::Load { d, m: self.memory(value) });
+            self.hold(d, value);
+        }
+        self.pinned |= 1 << self.register[value];
+        self.register[value]
+    }
+
+    /// Brings a value into a register if it is needed again before something there.
+    fn want(&mut self, value: usize) {
+        if self.register[value] == NOWHERE && self.next_use(value) != NEVER && self.best().1 > self.distance(value) {
+            self.ensure(value);
+        }
+    }
+
+    /// Where the value is.
+    fn rm(&self, value: usize) -> Rm {
+        match self.register[value] {
+            NOWHERE => Rm::Mem(self.memory(value)),
+            r => Rm::Reg(r),
+        }
+    }
+
+    fn is_here(&self, value: usize) -> bool {
+        self.register[value] != NOWHERE
+    }
+
+    /// Gives back registers and slots of operands that end here.
+    fn release(&mut self, values: &[usize]) {
+        for &value in values {
+            if self.next_use(value) == NEVER {
+                self.forget(value);
+                if let Some(Mem::Slot(slot)) = self.home[value] {
+                    self.ending.push(slot);
+                    self.home[value] = None;
+                }
+            }
+        }
+    }
+
+    /// Emits what a step does; its result is in the register returned.
+    fn step(&mut self, step: &Step) -> Option<Reg> {
+        if let Do::Call(number) = step.what {
+            self.call(number);
+            return None;
+        }
+        let mut values = [0; 4];
+        for (value, operand) in values.iter_mut().zip(step.operands()) {
+            *value = self.value(*operand);
+        }
+        let values = &values[..step.operands().len()];
+        for &value in values {
+            if self.is_here(value) {
+                self.pinned |= 1 << self.register[value];
+            }
+        }
+        values.iter().for_each(|value| self.want(*value));
+        Some(match (step.what, values) {
+            (Do::Result(k), _) => self.result(k),
+            (Do::Copy, [a]) => self.copy(*a),
+            (Do::Sqrt, [a]) => self.sqrt(*a),
+            (Do::Up(by), [a]) => self.shift(*a, |d, a| Instruction::Up { d, a, by }),
+            (Do::Down(by), [a]) => self.shift(*a, |d, a| Instruction::Down { d, a, by }),
+            (Do::MulAdd, [a, b, c]) => self.fused(Fused::MulAdd, [*a, *b, *c]),
+            (Do::NegMulAdd, [a, b, c]) => self.fused(Fused::NegMulAdd, [*a, *b, *c]),
+            (Do::MulSub, [a, b, c]) => self.fused(Fused::MulSub, [*a, *b, *c]),
+            (Do::Less, [a, b]) => self.less(*a, *b),
+            (Do::SelectLess, [a, b, c, d]) => self.select_less([*a, *b, *c, *d]),
+            (Do::SelectOdd, [a, b, c]) => self.select_odd(*a, *b, *c),
+            (Do::Flip, [a, b, c]) => self.flip(*a, *b, *c),
+            (what, [a, b]) => self.two(what, *a, *b),
+            (what, _) => unreachable!("operands of {what:?}"),
+        })
+    }
+
+    fn result(&mut self, k: u32) -> Reg {
+        let d = self.take();
+        self.out.push(Instruction::Load { d, m: Mem::Call(k) });
+        d
+    }
+
+    fn copy(&mut self, a: usize) -> Reg {
+        let d = self.take();
+        self.out.push(match self.rm(a) {
+            Rm::Reg(s) => Instruction::Move { d, s },
+            Rm::Mem(m) => Instruction::Load { d, m },
+        });
+        self.release(&[a]);
+        d
+    }
+
+    fn two(&mut self, what: Do, mut a: usize, mut b: usize) -> Reg {
+        let commutes = matches!(what, Do::Add | Do::Mul | Do::Xor | Do::And | Do::AddBits);
+        if commutes && !self.is_here(a) && self.is_here(b) {
+            (a, b) = (b, a);
+        }
+        let (first, second) = (self.ensure(a), self.rm(b));
+        self.release(&[a, b]);
+        let d = self.take();
+        self.out.push(Instruction::Two { what, d, a: first, b: second });
+        d
+    }
+
+    fn sqrt(&mut self, a: usize) -> Reg {
+        let rm = self.rm(a);
+        self.release(&[a]);
+        let d = self.take();
+        self.out.push(Instruction::Sqrt { d, a: rm });
+        d
+    }
+
+    fn shift(&mut self, a: usize, make: impl Fn(Reg, Reg) -> Instruction) -> Reg {
+        let s = self.ensure(a);
+        self.release(&[a]);
+        let d = self.take();
+        self.out.push(make(d, s));
+        d
+    }
+
+    /// Overwrites an operand that ends here, else a copy of one.
+    fn fused(&mut self, what: Fused, values: [usize; 3]) -> Reg {
+        self.all_but_one(&values);
+        let rms = values.map(|value| self.rm(value));
+        let ends = values.map(|value| self.is_here(value) && self.next_use(value) == NEVER);
+        self.release(&values);
+        let (form, d, v, rm) = match (rms, ends) {
+            ([Rm::Reg(v), rm, Rm::Reg(d)] | [rm, Rm::Reg(v), Rm::Reg(d)], [_, _, true]) => (Form::F231, d, v, rm),
+            ([Rm::Reg(d), Rm::Reg(v), rm], [true, ..]) | ([Rm::Reg(v), Rm::Reg(d), rm], [_, true, _]) => {
+                (Form::F213, d, v, rm)
+            }
+            ([Rm::Reg(d), rm, Rm::Reg(v)], [true, ..]) | ([rm, Rm::Reg(d), Rm::Reg(v)], [_, true, _]) => {
+                (Form::F132, d, v, rm)
+            }
+            ([Rm::Mem(m), Rm::Reg(v), rm] | [Rm::Reg(v), Rm::Mem(m), rm], _) => (Form::F213, self.loaded(m), v, rm),
+            ([Rm::Reg(v), rm, Rm::Mem(m)], _) => (Form::F231, self.loaded(m), v, rm),
+            ([Rm::Reg(v), rm, Rm::Reg(s)], _) => {
+                let d = self.take();
+                self.out.push(Instruction::Move { d, s });
+                (Form::F231, d, v, rm)
+            }
+            _ => unreachable!("two operands of a fused product in memory"),
+        };
+        self.pinned |= 1 << d;
+        self.out.push(Instruction::Fused { what, form, d, v, rm });
+        d
+    }
+
+    fn loaded(&mut self, m: Mem) -> Reg {
+        let d = self.take();
+        self.out.push(Instruction::Load { d, m });
+        d
+    }
+
+    /// Leaves at most one operand in memory, and that once.
+    fn all_but_one(&mut self, values: &[usize]) {
+        let mut kept = None;
+        for (k, &value) in values.iter().enumerate().rev() {
+            let is_repeated = values[..k].contains(&value) || values[k + 1..].contains(&value);
+            if !self.is_here(value) && (is_repeated || kept.is_some_and(|kept| kept != value)) {
+                self.ensure(value);
+            } else if !self.is_here(value) {
+                kept = Some(value);
+            }
+        }
+    }
+
+    /// The comparison a < b in a register of masks, or that it does not hold.
+    fn mask(&mut self, a: usize, b: usize, is_inverse: bool) -> Reg {
+        let held = Some((a as u32, b as u32, is_inverse));
+        if let Some(k) = self.masks.iter().position(|mask| *mask == held) {
+            return k as Reg + 1;
+        }
+        let k = self.next_mask as Reg + 1;
+        self.masks[self.next_mask] = held;
+        self.next_mask = (self.next_mask + 1) % N_MASK;
+        let (a, b, relation) = self.compared(a, b, is_inverse);
+        self.out.push(Instruction::Compare { k, a, b, relation });
+        k
+    }
+
+    /// The operands of a comparison, the first in a register.
+    fn compared(&mut self, a: usize, b: usize, is_inverse: bool) -> (Reg, Rm, Relation) {
+        let is_swapped = !self.is_here(a) && self.is_here(b);
+        let (first, second) = if is_swapped { (b, a) } else { (a, b) };
+        let relation = match (is_swapped, is_inverse) {
+            (false, false) => Relation::Less,
+            (true, false) => Relation::Greater,
+            (false, true) => Relation::NotLess,
+            (true, true) => Relation::NotGreater,
+        };
+        (self.ensure(first), self.rm(second), relation)
+    }
+
+    fn less(&mut self, a: usize, b: usize) -> Reg {
+        let one = self.n_input + self.lowered.one().unwrap_or(0);
+        if self.target.has_masks {
+            let k = self.mask(a, b, false);
+            self.release(&[a, b]);
+            let d = self.take();
+            self.out.push(Instruction::Where { d, k, m: self.memory(one) });
+            return d;
+        }
+        let one = self.ensure(one);
+        let (a_in, b_in, relation) = self.compared(a, b, false);
+        self.release(&[a, b]);
+        self.pinned |= 1 << one;
+        let d = self.take();
+        self.out.push(Instruction::CompareInto { d, a: a_in, b: b_in, relation });
+        self.out.push(Instruction::Two { what: Do::And, d, a: d, b: Rm::Reg(one) });
+        d
+    }
+
+    fn select_less(&mut self, [a, b, yes, no]: [usize; 4]) -> Reg {
+        let all = [a, b, yes, no];
+        if self.target.has_masks {
+            let is_inverse = !self.is_here(no) && self.is_here(yes);
+            let (yes, no) = if is_inverse { (no, yes) } else { (yes, no) };
+            let k = self.mask(a, b, is_inverse);
+            return self.blend(k, yes, no, &all);
+        }
+        let (no_in, yes_in) = self.blended(yes, no);
+        let (a_in, b_in, relation) = self.compared(a, b, false);
+        let d = self.target_beside(no_in, yes_in, &all);
+        self.out.push(Instruction::CompareInto { d, a: a_in, b: b_in, relation });
+        self.out.push(Instruction::BlendBy { d, by: d, no: no_in, yes: yes_in });
+        d
+    }
+
+    fn select_odd(&mut self, a: usize, yes: usize, no: usize) -> Reg {
+        let all = [a, yes, no];
+        let s = self.ensure(a);
+        if self.target.has_masks {
+            let is_inverse = !self.is_here(no) && self.is_here(yes);
+            let (yes, no) = if is_inverse { (no, yes) } else { (yes, no) };
+            let least = self.n_input + self.lowered.constants.iter().position(|bits| *bits == 1).unwrap_or(0);
+            let k = N_MASK as Reg + 1;
+            self.out.push(Instruction::Test { k, a: s, b: self.rm(least), share: !is_inverse });
+            return self.blend(k, yes, no, &all);
+        }
+        let (no_in, yes_in) = self.blended(yes, no);
+        let d = self.target_beside(no_in, yes_in, &all);
+        // the lowest bit becomes the highest
+        self.out.push(Instruction::Up { d, a: s, by: 31 });
+        self.out.push(Instruction::BlendBy { d, by: d, no: no_in, yes: yes_in });
+        d
+    }
+
+    fn blend(&mut self, k: Reg, yes: usize, no: usize, all: &[usize]) -> Reg {
+        let (no_in, yes_in) = self.blended(yes, no);
+        self.release(all);
+        let d = self.take();
+        self.out.push(Instruction::Blend { d, k, no: no_in, yes: yes_in });
+        d
+    }
+
+    /// The operands of a choice: the second one may lie in memory where an instruction reads no more than a number of it.
+    fn blended(&mut self, yes: usize, no: usize) -> (Reg, Rm) {
+        if self.target.is_single && !self.target.has_masks {
+            self.ensure(yes);
+        }
+        (self.ensure(no), self.rm(yes))
+    }
+
+    /// A target that is none of the operands of a choice, while others may end.
+    fn target_beside(&mut self, no: Reg, yes: Rm, all: &[usize]) -> Reg {
+        self.release(all);
+        self.pinned |= 1 << no;
+        if let Rm::Reg(r) = yes {
+            self.pinned |= 1 << r;
+        }
+        self.take()
+    }
+
+    fn flip(&mut self, a: usize, b: usize, c: usize) -> Reg {
+        let (a_in, b_in, c_in) = (self.ensure(a), self.ensure(b), self.rm(c));
+        let ends = self.next_use(a) == NEVER;
+        self.release(&[a, b, c]);
+        self.pinned |= 1 << a_in;
+        if self.target.has_masks {
+            if ends && a_in != b_in {
+                self.out.push(Instruction::Flip { d: a_in, b: b_in, c: c_in });
+                return a_in;
+            }
+            self.pinned |= 1 << b_in;
+            if let Rm::Reg(r) = c_in {
+                self.pinned |= 1 << r;
+            }
+            let d = self.take();
+            self.out.push(Instruction::Move { d, s: a_in });
+            self.out.push(Instruction::Flip { d, b: b_in, c: c_in });
+            return d;
+        }
+        let d = self.take();
+        self.out.push(Instruction::Two { what: Do::And, d, a: b_in, b: c_in });
+        self.out.push(Instruction::Two { what: Do::Xor, d, a: d, b: Rm::Reg(a_in) });
+        d
+    }
+
+    /// All that lives on goes home: registers are the callee's.
+    fn call(&mut self, number: u32) {
+        let site = &self.lowered.calls[number as usize];
+        let values: Vec<usize> = site.operands.iter().map(|operand| self.value(*operand)).collect();
+        for (value, k) in values.iter().zip(0..) {
+            let s = self.ensure(*value);
+            self.out.push(Instruction::Store { m: Mem::Call(k), s });
+            self.pinned = 0;
+        }
+        for r in 0..self.target.n_register {
+            let value = self.holds[r];
+            if value != NOBODY {
+                if self.next_use(value as usize) != NEVER {
+                    self.send_home(value as usize);
+                }
+                self.forget(value as usize);
+            }
+        }
+        self.release(&values);
+        self.masks = [None; N_MASK];
+        self.out.push(Instruction::Call { number });
+    }
+}

@@ -1,0 +1,243 @@
+//! A program as machine code for rows of one kind, with its constants and what it calls.
+
+use super::allocate::allocate;
+use super::executable::Row;
+use super::layout::{Layout, Rows};
+use super::lower::{Callee, Element, lower};
+use super::memory::{self, Needs};
+use super::x86::{Shape, encode};
+use super::{MAX_STEPS, WhyInterpreted};
+use crate::autodiff::columns::Lines;
+use crate::autodiff::custom::{Operation, Scratch};
+use crate::autodiff::lanes::instruction_set;
+use crate::autodiff::program::{Op, ValueForm};
+use std::collections::HashMap;
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, Weak};
+
+/// Machine code, constants and callees. It stays while somebody has it.
+#[derive(Debug)]
+struct Native {
+    key: Key,
+    code: memory::Code,
+    callees: Vec<(Callee, usize)>,
+    element: Element,
+    /// The binary logarithm of the numbers of a register.
+    lanes_log: u32,
+    /// Bytes of calls and slots.
+    n_slot_byte: usize,
+}
+
+/// A share in it.
+#[derive(Debug, Clone)]
+pub(crate) struct Code(Arc<Native>);
+
+impl Code {
+    /// Of a program for rows of a kind.
+    pub(super) fn of<R: Row>(form: &Arc<ValueForm>, layout: &Layout) -> Result<Self, WhyInterpreted> {
+        Native::of(form, layout, shape(R::ELEMENT, R::N == 1), size_of::<R>()).map(Self)
+    }
+
+    #[cfg(test)]
+    pub(super) fn is_same(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.0, &other.0)
+    }
+
+    /// Room for its slots.
+    pub(crate) fn slots(&self) -> Lines {
+        Lines::zeros(self.0.n_slot_byte.div_ceil(64))
+    }
+
+    /// Bytes of memory that it takes.
+    pub(super) fn n_byte(&self) -> usize {
+        self.0.code.n_byte()
+    }
+
+    /// Runs for the first `n` numbers of the rows; others of the last register are worked on as well. Whether it ran: not where slots
+    /// or arrays are not what the code needs.
+    #[must_use]
+    pub(crate) fn run<R: Row>(&self, slots: &mut Lines, arrays: &mut [Rows<'_, R>], n: usize) -> bool {
+        let native = &*self.0;
+        let lanes = 1 << native.lanes_log;
+        let registers = (n + lanes - 1) >> native.lanes_log;
+        let mut call = |number: u32, rows: &mut [u8], remaining: usize| {
+            let done = (registers - remaining) * lanes;
+            let (callee, n_operand) = &native.callees[number as usize];
+            call_lanes(callee, *n_operand, native.element, lanes, lanes.min(n - done), rows);
+        };
+        native.code.run(slots, arrays, registers, &mut call)
+    }
+}
+
+/// What two programs share code by.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+struct Key {
+    form: Arc<ValueForm>,
+    layout: Layout,
+    shape: Shape,
+    stride: usize,
+}
+
+/// Code that somebody has, by the hash of its key.
+type Cache = HashMap<u64, Vec<Weak<Native>>>;
+
+static CACHE: OnceLock<Mutex<Cache>> = OnceLock::new();
+
+/// Not waited for: a process made by `fork` would wait for ever where another thread had it.
+fn cache() -> Option<MutexGuard<'static, Cache>> {
+    CACHE.get_or_init(Mutex::default).try_lock().ok()
+}
+
+impl Key {
+    fn hash(&self) -> u64 {
+        let mut hasher = DefaultHasher::new();
+        Hash::hash(self, &mut hasher);
+        hasher.finish()
+    }
+}
+
+impl Native {
+    /// The code of a program, made now or found.
+    fn of(form: &Arc<ValueForm>, layout: &Layout, shape: Shape, stride: usize) -> Result<Arc<Self>, WhyInterpreted> {
+        let key = Key { form: form.clone(), layout: layout.clone(), shape, stride };
+        let hash = key.hash();
+        let alike: Vec<Arc<Self>> = cache()
+            .and_then(|cache| Some(cache.get(&hash)?.iter().filter_map(Weak::upgrade).collect()))
+            .unwrap_or_default();
+        if let Some(found) = alike.into_iter().find(|code| code.key == key) {
+            return Ok(found);
+        }
+        let made = Arc::new(Self::made(key)?);
+        if let Some(mut cache) = cache() {
+            cache.entry(hash).or_default().push(Arc::downgrade(&made));
+        }
+        Ok(made)
+    }
+
+    fn made(key: Key) -> Result<Self, WhyInterpreted> {
+        let Key { form, layout, shape, stride } = &key;
+        let (shape, stride) = (*shape, *stride);
+        if form.n_value() > MAX_STEPS {
+            return Err(WhyInterpreted::TooLarge);
+        }
+        let mut lowered = lower(form, shape.element);
+        if lowered.steps.len() > MAX_STEPS {
+            return Err(WhyInterpreted::TooLarge);
+        }
+        let allocated = allocate(&mut lowered, layout, shape.target());
+        let callees: Vec<_> = lowered.calls.into_iter().map(|site| (site.callee, site.operands.len())).collect();
+        let call_rows = callees.iter().map(|(callee, n)| callee.n_output().max(*n)).max().unwrap_or(0);
+        let bytes = encode(&allocated, shape, layout, stride, call_rows);
+        let constants = constants(&allocated.pool, shape);
+        let n_slot_byte = (call_rows + allocated.n_slot) * shape.width;
+        let needs = Needs {
+            constant_bias: shape.constant_bias(),
+            calls: call_rows * shape.width,
+            slots: n_slot_byte,
+            slot_bias: shape.slot_bias(),
+            arrays: (0..layout.n_array()).map(|k| (layout.n_row(k), layout.is_written(k))).collect(),
+            row: stride,
+            registers: stride / shape.width,
+        };
+        let code = memory::Code::new(&bytes, constants, needs)?;
+        let lanes_log = (shape.width / shape.element_size()).ilog2();
+        Ok(Self { key, code, callees, element: shape.element, lanes_log, n_slot_byte })
+    }
+}
+
+/// The bytes of a program.
+#[cfg(test)]
+pub(super) fn bytes(form: &ValueForm, layout: &Layout, element: Element, is_single: bool) -> Vec<u8> {
+    let shape = shape(element, is_single);
+    let mut lowered = lower(form, element);
+    let allocated = allocate(&mut lowered, layout, shape.target());
+    encode(&allocated, shape, layout, shape.width, 3)
+}
+
+impl Drop for Native {
+    fn drop(&mut self) {
+        let hash = self.key.hash();
+        if let Some(mut cache) = cache()
+            && let Some(alike) = cache.get_mut(&hash)
+        {
+            alike.retain(|code| code.strong_count() > 0);
+            if alike.is_empty() {
+                cache.remove(&hash);
+            }
+        }
+    }
+}
+
+/// The constants as code reads them.
+fn constants(pool: &[u64], shape: Shape) -> Lines {
+    let (size, element) = (shape.constant_size(), shape.element_size());
+    let mut lines = Lines::zeros((pool.len() * size).div_ceil(64));
+    let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut lines);
+    for (place, bits) in bytes.chunks_exact_mut(size).zip(pool) {
+        place.chunks_exact_mut(element).for_each(|number| number.copy_from_slice(&bits.to_le_bytes()[..element]));
+    }
+    lines
+}
+
+/// Makes a call for the first `n` of the `lanes` of a register; arguments are read from the rows, then results are written over them.
+fn call_lanes(callee: &Callee, n_operand: usize, element: Element, lanes: usize, n: usize, rows: &mut [u8]) {
+    match (callee, element) {
+        // one list of numbers for all: elementary functions of `f32` are no calls
+        (Callee::Elementary(op), _) => elementary(*op, bytemuck::cast_slice_mut(rows), lanes, n),
+        (Callee::Custom(operation), Element::F32) => {
+            let rows: &mut [f32] = bytemuck::cast_slice_mut(rows);
+            custom(operation, n_operand, lanes, n, rows, f64::from, |y| y as f32);
+        }
+        (Callee::Custom(operation), Element::F64) => {
+            custom(operation, n_operand, lanes, n, bytemuck::cast_slice_mut(rows), |x| x, |y| y);
+        }
+    }
+}
+
+/// Lane by lane, through `f64`.
+fn custom<T: Copy>(
+    operation: &Operation,
+    n_operand: usize,
+    lanes: usize,
+    n: usize,
+    rows: &mut [T],
+    wide: impl Fn(T) -> f64,
+    narrow: impl Fn(f64) -> T,
+) {
+    let mut scratch = Scratch::<f64, 256>::new();
+    let (x, y) = scratch.of(n_operand + operation.n_output()).split_at_mut(n_operand);
+    for lane in 0..n {
+        x.iter_mut().enumerate().for_each(|(k, x)| *x = wide(rows[k * lanes + lane]));
+        operation.function().value(x, y);
+        y.iter().enumerate().for_each(|(k, y)| rows[k * lanes + lane] = narrow(*y));
+    }
+}
+
+/// Results over arguments.
+fn elementary(op: Op, rows: &mut [f64], lanes: usize, n: usize) {
+    for lane in 0..n {
+        let x = rows[lane];
+        rows[lane] = match op {
+            Op::SinCos => {
+                let (sine, cosine) = x.sin_cos();
+                rows[lanes + lane] = cosine;
+                sine
+            }
+            Op::Exp => x.exp(),
+            Op::Ln => x.ln(),
+            Op::Tanh => x.tanh(),
+            _ => x.atan2(rows[lanes + lane]),
+        };
+    }
+}
+
+/// How rows of this kind lie in registers of this processor.
+pub(super) fn shape(element: Element, is_single: bool) -> Shape {
+    let is_evex = instruction_set() == "avx512";
+    let width = match (is_single, is_evex) {
+        (true, _) => 8,
+        (false, true) => 64,
+        (false, false) => 32,
+    };
+    Shape { element, width, is_evex }
+}

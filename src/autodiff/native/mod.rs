@@ -1,0 +1,101 @@
+//! Machine code from a recording, made at run time: the bits of the interpreter at a multiple of its speed.
+//!
+//! | file | what |
+//! |---|---|
+//! | `lower` | operations of a program to those of a processor |
+//! | `allocate` | registers, by furthest next use |
+//! | `x86` | the encoder |
+//! | `memory` | executable memory, and the call into it |
+//! | [`layout`](Layout) | where arguments and results lie |
+//!
+//! An [`Executable`] works on rows where they are. Where code may not be made it interprets, with the same bits, and
+//! [says why](Executable::why_interpreted).
+
+mod layout;
+mod lower;
+
+#[cfg(all(target_arch = "x86_64", target_os = "linux", not(miri)))]
+mod allocate;
+#[cfg(all(target_arch = "x86_64", target_os = "linux", not(miri)))]
+mod code;
+mod executable;
+#[cfg(all(target_arch = "x86_64", target_os = "linux", not(miri)))]
+mod memory;
+#[cfg(all(target_arch = "x86_64", target_os = "linux", not(miri)))]
+mod x86;
+
+pub use executable::{Executable, Row, Work};
+pub use layout::{Layout, MAX_ARRAYS, Place, Rows};
+
+#[cfg(all(target_arch = "x86_64", target_os = "linux", not(miri)))]
+pub(crate) use memory::in_standard_modes;
+
+#[cfg(not(all(target_arch = "x86_64", target_os = "linux", not(miri))))]
+mod elsewhere;
+#[cfg(not(all(target_arch = "x86_64", target_os = "linux", not(miri))))]
+use elsewhere as code;
+#[cfg(not(all(target_arch = "x86_64", target_os = "linux", not(miri))))]
+pub(crate) use elsewhere::in_standard_modes;
+
+pub(crate) use code::Code;
+
+use super::program::ValueForm;
+use std::fmt;
+use std::sync::{Arc, OnceLock};
+
+/// Most values of a program that becomes machine code, elementary functions counted as what they are made of.
+pub const MAX_STEPS: usize = 1 << 20;
+
+/// Why a program is interpreted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum WhyInterpreted {
+    /// `OMNIDRONES_NATIVE=off`.
+    Off,
+    /// Code is made on Linux and x86-64 alone, and not under Miri.
+    System,
+    /// The processor has no AVX2 with FMA.
+    Processor,
+    /// The system gave no executable memory.
+    #[cfg(target_os = "linux")]
+    Refused(rustix::io::Errno),
+    /// More than [`MAX_STEPS`] values.
+    TooLarge,
+    /// 512 MiB of code are alive.
+    Full,
+}
+
+impl fmt::Display for WhyInterpreted {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Off => f.write_str("switched off by OMNIDRONES_NATIVE=off"),
+            Self::System => f.write_str("machine code is made on Linux and x86-64 alone"),
+            Self::Processor => f.write_str("the processor has no AVX2 with FMA"),
+            #[cfg(target_os = "linux")]
+            Self::Refused(refusal) => write!(f, "the system gives no executable memory: {refusal}"),
+            Self::TooLarge => write!(f, "the program has more than {MAX_STEPS} values"),
+            Self::Full => f.write_str("512 MiB of machine code are in use"),
+        }
+    }
+}
+
+/// Whether machine code may be made here, as far as that is known without making any.
+pub fn availability() -> Result<(), WhyInterpreted> {
+    static SWITCH: OnceLock<bool> = OnceLock::new();
+    let is_off = *SWITCH.get_or_init(|| std::env::var_os("OMNIDRONES_NATIVE").is_some_and(|value| value == "off"));
+    match (is_off, crate::autodiff::lanes::instruction_set()) {
+        (true, _) => Err(WhyInterpreted::Off),
+        _ if !cfg!(all(target_arch = "x86_64", target_os = "linux", not(miri))) => Err(WhyInterpreted::System),
+        (_, "avx512" | "avx2") => Ok(()),
+        _ => Err(WhyInterpreted::Processor),
+    }
+}
+
+/// Machine code of a program for rows of a kind, made now or found.
+pub(crate) fn code<R: Row>(form: &Arc<ValueForm>, layout: &Layout) -> Result<Code, WhyInterpreted> {
+    availability()?;
+    Code::of::<R>(form, layout)
+}
+
+#[cfg(all(test, target_arch = "x86_64", target_os = "linux", not(miri)))]
+mod tests;

@@ -1,0 +1,252 @@
+use super::*;
+use crate::autodiff::columns::{BLOCK, LINE};
+use crate::autodiff::custom::{CustomFunction, Operation};
+use crate::autodiff::lanes::{Set, with_set};
+use crate::autodiff::program::{Action, CallOf, Instruction, Op, Program, Value, ValueForm};
+use crate::rng::{Purpose, Stream};
+
+/// y = (x₀ − 2x₁, x₁/x₀, 3): in `f64`, as custom functions are.
+struct Mixed;
+impl CustomFunction for Mixed {
+    fn n_input(&self) -> usize {
+        2
+    }
+    fn n_output(&self) -> usize {
+        3
+    }
+    fn value(&self, x: &[f64], y: &mut [f64]) {
+        y.copy_from_slice(&[x[0] - 2.0 * x[1], x[1] / x[0], 3.0]);
+    }
+    fn forward(&self, _: &[f64], _: &[f64], dy: &mut [f64]) {
+        dy.fill(f64::NAN);
+    }
+    fn reverse(&self, _: &[f64], _: &[f64], x_bar: &mut [f64]) {
+        x_bar.fill(f64::NAN);
+    }
+}
+
+fn draws(seed: u64) -> Stream {
+    Stream::new(58, seed, 0, Purpose::user(58))
+}
+
+/// A number that may be anything.
+fn number(r: &mut Stream) -> f64 {
+    const SPECIAL: [f64; 16] = [
+        0.0,
+        -0.0,
+        1.0,
+        -1.0,
+        f64::INFINITY,
+        f64::NEG_INFINITY,
+        f64::NAN,
+        1e-40,
+        -1e-42,
+        5e-324,
+        -1e-310,
+        3e38,
+        1e300,
+        0.5,
+        1e5,
+        -3e6,
+    ];
+    match r.below(8) {
+        0 => SPECIAL[r.below(16) as usize],
+        1 => f64::from_bits(r.next_u64()),
+        2 => f64::from(f32::from_bits(r.next_u64() as u32)),
+        _ => r.uniform(-4.0, 4.0),
+    }
+}
+
+/// A program of any operations on any values: short and long lives, results that are inputs and constants, calls.
+fn random_form(seed: u64) -> ValueForm {
+    let mut r = draws(seed);
+    let (n_input, n_constant) = (r.below(9) as usize, r.below(7) as usize);
+    let mut constants: Vec<u64> = (0..=n_constant).map(|_| number(&mut r).to_bits()).collect();
+    constants.dedup();
+    let reach = [4, 40, 400][r.below(3) as usize];
+    let (has_calls, is_smooth) = (r.below(4) == 0, r.below(3) == 0);
+    let n_value = n_input + constants.len();
+    let mut form = ValueForm { n_input, constants, instructions: vec![], calls: vec![], results: vec![], n_value };
+    let operation = Operation::new(Mixed);
+    for _ in 0..1 + r.below(if seed % 16 == 0 { 600 } else { 60 }) {
+        let n = form.n_value as u64;
+        let mut any = || match r.below(4) {
+            0 => Value(r.below(n) as u32),
+            _ => Value((n - 1 - r.below(n.min(reach))) as u32),
+        };
+        let operands = [any(), any(), any(), any()];
+        if has_calls && r.below(12) == 0 {
+            let first = form.next(3);
+            form.instructions.push(Instruction { action: Action::Call(form.calls.len()), first });
+            form.calls.push(CallOf { operation: operation.clone(), operands: operands[..2].to_vec() });
+            continue;
+        }
+        let ops = if is_smooth { 17 } else { Op::ALL.len() as u64 };
+        let op = if r.below(3) == 0 { Op::MulAdd } else { Op::ALL[r.below(ops) as usize] };
+        let first = form.next(op.n_result() as u32);
+        form.instructions.push(Instruction { action: Action::Op(op, operands), first });
+    }
+    let n_result = 1 + r.below(12);
+    form.results = (0..n_result).map(|_| Value(r.below(form.n_value as u64) as u32)).collect();
+    form
+}
+
+/// Results over arguments, beside them or in another array, in any order.
+fn random_layout(seed: u64, n_argument: usize, n_result: usize) -> Layout {
+    let mut r = draws(seed ^ 0x5A5A);
+    let n_array = 1 + r.below(4) as u32;
+    let n_row = (n_argument + n_result) as u64;
+    let mut place = || Place { array: r.below(n_array.into()) as u8, row: r.below(n_row) as u32 };
+    let arguments: Vec<Place> = (0..n_argument).map(|_| place()).collect();
+    let mut results: Vec<Place> = Vec::new();
+    while results.len() < n_result {
+        let (other, of) = (place(), place().row as usize);
+        let candidate = if of % 2 == 0 && n_argument > 0 { arguments[of % n_argument] } else { other };
+        if !results.contains(&candidate) {
+            results.push(candidate);
+        }
+    }
+    Layout::new(arguments, results).unwrap()
+}
+
+mod forms;
+mod memory;
+mod simulator;
+mod traps;
+
+trait Tested: Row + PartialEq + std::fmt::Debug {
+    fn random(r: &mut Stream) -> Self;
+    fn interpreter(program: &Program, inputs: &[Self], n: usize) -> Vec<Self>;
+    /// The first lane of the first `n` that differs; any NaN equals any NaN.
+    fn differs(&self, other: &Self, n: usize) -> Option<usize>;
+    const MOST: usize;
+}
+
+impl Tested for f64 {
+    const MOST: usize = 1;
+    fn random(r: &mut Stream) -> Self {
+        number(r)
+    }
+    fn interpreter(program: &Program, inputs: &[Self], _: usize) -> Vec<Self> {
+        let mut outputs = vec![0.0; program.n_output()];
+        program.evaluate(&mut program.interpreter_workspace(), inputs, &mut outputs);
+        outputs
+    }
+    fn differs(&self, other: &Self, _: usize) -> Option<usize> {
+        (self.to_bits() != other.to_bits() && !(self.is_nan() && other.is_nan())).then_some(0)
+    }
+}
+
+impl Tested for [f64; LINE] {
+    const MOST: usize = LINE;
+    fn random(r: &mut Stream) -> Self {
+        std::array::from_fn(|_| number(r))
+    }
+    fn interpreter(program: &Program, inputs: &[Self], n: usize) -> Vec<Self> {
+        let mut slots = program.step_slots();
+        program.evaluate_steps(n, &mut slots, inputs);
+        (0..program.n_output()).map(|k| slots[program.place(k) as usize]).collect()
+    }
+    fn differs(&self, other: &Self, n: usize) -> Option<usize> {
+        (0..n).find(|k| self[*k].differs(&other[*k], 1).is_some())
+    }
+}
+
+impl Tested for [f32; BLOCK] {
+    const MOST: usize = BLOCK;
+    fn random(r: &mut Stream) -> Self {
+        std::array::from_fn(|_| number(r) as f32)
+    }
+    fn interpreter(program: &Program, inputs: &[Self], n: usize) -> Vec<Self> {
+        let mut outputs = vec![[0.0; BLOCK]; program.n_output()];
+        program.evaluate_lanes(n, &mut program.interpreter_block_workspace(), inputs, &mut outputs);
+        outputs
+    }
+    fn differs(&self, other: &Self, n: usize) -> Option<usize> {
+        (0..n).find(|k| self[*k].to_bits() != other[*k].to_bits() && !(self[*k].is_nan() && other[*k].is_nan()))
+    }
+}
+
+/// The first value that differs where it is the only result.
+fn culprit<R: Tested>(form: &ValueForm, inputs: &[R], n: usize) -> String {
+    for instruction in form.instructions() {
+        for k in 0..form.n_result_of(instruction) as u32 {
+            let alone = ValueForm { results: vec![Value(instruction.first.0 + k)], ..form.clone() };
+            let program = Program::of_form(alone, false);
+            let executable = Executable::<R>::new(&program, Layout::apart(inputs.len(), 1)).unwrap();
+            let (want, mut got) = (R::interpreter(&program, inputs, n), [R::zeroed()]);
+            executable.run(&mut executable.work(), &mut [Rows::Read(inputs), Rows::Write(&mut got)], n).unwrap();
+            if let Some(lane) = want[0].differs(&got[0], n) {
+                let text = program.value_form().to_string();
+                let line =
+                    text.lines().find(|line| line.contains(&format!("{} ", instruction.first))).unwrap_or_default();
+                return format!("alone: {line}: lane {lane}: {:?} instead of {:?}", got[0], want[0]);
+            }
+        }
+    }
+    "no value differs alone".into()
+}
+
+/// Runs one random program both ways.
+fn compare<R: Tested>(seed: u64) {
+    let form = random_form(seed);
+    let mut r = draws(seed ^ 0xF0F0);
+    let program = Program::of_form(form, false);
+    let layout = random_layout(seed, program.n_input(), program.n_output());
+    let executable = Executable::<R>::new(&program, layout.clone()).unwrap();
+    assert!(executable.is_native(), "{:?}", executable.why_interpreted());
+    let n = 1 + r.below(R::MOST as u64) as usize;
+    let mut arrays: Vec<Vec<R>> =
+        (0..layout.n_array()).map(|k| (0..layout.n_row(k)).map(|_| R::random(&mut r)).collect()).collect();
+    let at = |arrays: &[Vec<R>], place: &Place| arrays[place.array as usize][place.row as usize];
+    let inputs: Vec<R> = layout.arguments().iter().map(|place| at(&arrays, place)).collect();
+    let before = arrays.clone();
+    let want = R::interpreter(&program, &inputs, n);
+    let mut rows: Vec<Rows<'_, R>> = arrays.iter_mut().map(|array| Rows::Write(array)).collect();
+    executable.run(&mut executable.work(), &mut rows, n).unwrap();
+    for (k, (want, place)) in want.iter().zip(layout.results()).enumerate() {
+        let got = at(&arrays, place);
+        if let Some(lane) = want.differs(&got, n) {
+            let culprit = culprit::<R>(program.value_form(), &inputs, n);
+            panic!("seed {seed}: result {k} in lane {lane} of {n}; {culprit}");
+        }
+    }
+    for (k, array) in arrays.iter().enumerate() {
+        for (row, now) in array.iter().enumerate() {
+            let place = Place { array: k as u8, row: row as u32 };
+            let is_result = layout.results().contains(&place);
+            assert!(is_result || before[k][row].differs(now, R::MOST).is_none(), "seed {seed}: {place:?} was written");
+        }
+    }
+}
+
+fn n_program() -> u64 {
+    std::env::var("OMNIDRONES_PROGRAMS").map_or(2_000, |n| n.parse().unwrap())
+}
+
+fn compare_all<R: Tested>() {
+    if availability().is_err() {
+        return;
+    }
+    (0..n_program()).for_each(compare::<R>);
+}
+
+#[test]
+fn random_programs_in_lanes_have_the_bits_of_the_interpreter() {
+    compare_all::<[f32; BLOCK]>();
+}
+
+#[test]
+fn random_programs_in_lanes_of_avx2_have_the_bits_of_the_interpreter() {
+    with_set(Set::Avx2, compare_all::<[f32; BLOCK]>);
+}
+
+#[test]
+fn random_programs_of_one_number_have_the_bits_of_the_interpreter() {
+    compare_all::<f64>();
+}
+
+#[test]
+fn random_programs_of_steps_side_by_side_have_the_bits_of_the_interpreter() {
+    compare_all::<[f64; LINE]>();
+}

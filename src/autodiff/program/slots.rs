@@ -1,0 +1,163 @@
+//! From values to what the interpreter runs: an order, and slots by liveness so that the working set stays in cache.
+
+use super::runs::{Neutral, grouped};
+use super::value::{Action, Op, Value, ValueForm};
+use super::{Call, Interpreter, Placed};
+use std::collections::VecDeque;
+
+/// Gives each value a slot from its definition to its last use.
+struct Slots<'a> {
+    form: &'a ValueForm,
+    last_use: Vec<usize>,
+    is_read: Vec<bool>,
+    slots: Vec<u32>,
+    free: Vec<u32>,
+    n_slot: u32,
+}
+
+/// `scheduled`: see [`Program::compile_single`](super::Program::compile_single).
+pub(super) fn interpreter(form: &ValueForm, scheduled: bool) -> Interpreter {
+    let order = if scheduled { schedule(form) } else { (0..form.instructions.len() as u32).collect() };
+    Slots::new(form, &order).run(&order)
+}
+
+/// The same instructions in an order where those of a kind stand together, as soon as they can be made: as many sums as there
+/// are, then as many selections, then what is rare. Whoever was ready first comes first, so that neighbours do not wait
+/// for each other.
+fn schedule(form: &ValueForm) -> Vec<u32> {
+    const NOBODY: u32 = u32::MAX;
+    let n = form.instructions.len();
+    let mut maker = vec![NOBODY; form.n_value];
+    for (k, instruction) in form.instructions.iter().enumerate() {
+        let first = instruction.first.index();
+        maker[first..first + form.n_result_of(instruction)].fill(k as u32);
+    }
+    let kind = |k: u32| match form.instructions[k as usize].action {
+        Action::Op(op, _) if op.is_sum() => 0,
+        Action::Op(Op::SelectLess, _) => 1,
+        _ => 2,
+    };
+    let (mut waits, mut readers) = (vec![0u32; n], vec![Vec::new(); n]);
+    for (k, instruction) in form.instructions.iter().enumerate() {
+        for operand in form.operands(instruction) {
+            let made = maker[operand.index()];
+            if made != NOBODY {
+                readers[made as usize].push(k as u32);
+                waits[k] += 1;
+            }
+        }
+    }
+    let mut ready: [VecDeque<u32>; 3] = Default::default();
+    (0..n as u32).filter(|k| waits[*k as usize] == 0).for_each(|k| ready[kind(k)].push_back(k));
+    let mut order = Vec::with_capacity(n);
+    while let Some(now) = (0..ready.len()).find(|kind| !ready[*kind].is_empty()) {
+        while let Some(k) = ready[now].pop_front() {
+            order.push(k);
+            for &reader in &readers[k as usize] {
+                waits[reader as usize] -= 1;
+                if waits[reader as usize] == 0 {
+                    ready[kind(reader)].push_back(reader);
+                }
+            }
+        }
+    }
+    order
+}
+
+impl<'a> Slots<'a> {
+    fn new(form: &'a ValueForm, order: &[u32]) -> Self {
+        let mut is_read = vec![false; form.n_value];
+        let read = form.instructions.iter().flat_map(|instruction| form.operands(instruction));
+        read.chain(&form.results).for_each(|value| is_read[value.index()] = true);
+        let slots = vec![0; form.n_value];
+        Self { form, last_use: form.last_uses(order), is_read, slots, free: Vec::new(), n_slot: 0 }
+    }
+
+    fn run(mut self, order: &[u32]) -> Interpreter {
+        let form = self.form;
+        let inputs = (0..form.n_input as u32).filter(|k| self.is_read[*k as usize]).collect::<Vec<_>>();
+        let inputs = inputs.into_iter().map(|k| (self.take(Value(k)), k)).collect();
+        let mut constants = Vec::with_capacity(form.constants.len());
+        for (number, k) in form.constants().zip(form.n_input..) {
+            if self.is_read[k] {
+                self.last_use[k] = usize::MAX; // never overwritten: written once for all evaluations
+                constants.push((self.take(Value(k as u32)), number));
+            }
+        }
+        let (mut instructions, mut calls) = (Vec::with_capacity(order.len()), Vec::new());
+        for (time, number) in order.iter().enumerate() {
+            let instruction = &form.instructions[*number as usize];
+            match instruction.action {
+                Action::Op(op, operands) => instructions.push(self.place(op, operands, instruction.first, time)),
+                Action::Call(number) => {
+                    let call = self.place_call(number, instruction.first, time, instructions.len());
+                    calls.push(call);
+                }
+            }
+        }
+        let outputs = form.results.iter().map(|value| self.slots[value.index()]).collect();
+        let neutral = Neutral::behind(self.n_slot);
+        let ends = calls.iter().map(|call: &Call| call.after).chain([instructions.len()]);
+        let runs = ends.scan(0, |done, end| Some(grouped(&instructions[std::mem::replace(done, end)..end], neutral)));
+        Interpreter { n_slot: self.n_slot as usize, runs: runs.collect(), neutral, calls, constants, inputs, outputs }
+    }
+
+    fn place(&mut self, op: Op, operands: [Value; 4], first: Value, time: usize) -> Placed {
+        let [a, b, c, mut d] = operands.map(|value| self.slots[value.index()]);
+        let reads = &operands[..op.n_operand()];
+        let target;
+        if op == Op::SinCos {
+            // two results are written, so the angle's slot may not be one of theirs
+            target = self.take(first);
+            d = self.take(Value(first.0 + 1));
+            self.release(reads, time);
+            self.forget_unread(first, 2);
+        } else {
+            self.release(reads, time);
+            target = self.take(first);
+        }
+        Placed { op, target, a, b, c, d }
+    }
+
+    /// Slots of a call's operands, and of those of its results that somebody needs.
+    fn place_call(&mut self, number: usize, first: Value, time: usize, after: usize) -> Call {
+        let call = &self.form.calls[number];
+        let inputs = call.operands.iter().map(|value| self.slots[value.index()]).collect();
+        self.release(&call.operands, time);
+        let mut outputs = Vec::new();
+        for k in 0..call.operation.n_output() as u32 {
+            let result = Value(first.0 + k);
+            if self.is_read[result.index()] {
+                outputs.push((self.take(result), k));
+            }
+        }
+        Call { after, operation: call.operation.clone(), inputs, outputs }
+    }
+
+    /// Gives back the slots of operands read here for the last time.
+    fn release(&mut self, reads: &[Value], time: usize) {
+        for (k, value) in reads.iter().enumerate() {
+            if self.last_use[value.index()] == time && !reads[..k].contains(value) {
+                self.free.push(self.slots[value.index()]);
+            }
+        }
+    }
+
+    /// Gives back the slots of results that nobody reads.
+    fn forget_unread(&mut self, first: Value, n: usize) {
+        for k in first.index()..first.index() + n {
+            if !self.is_read[k] {
+                self.free.push(self.slots[k]);
+            }
+        }
+    }
+
+    fn take(&mut self, value: Value) -> u32 {
+        let slot = self.free.pop().unwrap_or_else(|| {
+            self.n_slot += 1;
+            self.n_slot - 1
+        });
+        self.slots[value.index()] = slot;
+        slot
+    }
+}
