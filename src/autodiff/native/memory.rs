@@ -352,7 +352,8 @@ impl Arena {
             base.write_volatile(0);
             mprotect(base.cast(), n_byte, MprotectFlags::empty())
         };
-        let arena = Self { at: base.wrapping_add(PAGE), n_page, free: Vec::from([0..n_page]) };
+        let mut arena = Self { at: base.wrapping_add(PAGE), n_page, free: Vec::new() };
+        arena.give(0..n_page);
         closed.map_err(WhyInterpreted::Refused)?;
         Ok(arena)
     }

@@ -68,7 +68,7 @@ fn random_form(seed: u64) -> ValueForm {
     let n_value = n_input + constants.len();
     let mut form = ValueForm { n_input, constants, instructions: vec![], calls: vec![], results: vec![], n_value };
     let operation = Operation::new(Mixed);
-    for _ in 0..1 + r.below(if seed % 16 == 0 { 600 } else { 60 }) {
+    for _ in 0..1 + r.below(if seed.is_multiple_of(16) { 600 } else { 60 }) {
         let n = form.n_value as u64;
         let mut any = || match r.below(4) {
             0 => Value(r.below(n) as u32),

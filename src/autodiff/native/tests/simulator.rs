@@ -61,8 +61,8 @@ impl Processor<'_> {
         match relation {
             Relation::Less => a < b,
             Relation::Greater => a > b,
-            Relation::NotLess => !(a < b),
-            Relation::NotGreater => !(a > b),
+            Relation::NotLess => a >= b || a.is_nan() || b.is_nan(),
+            Relation::NotGreater => a <= b || a.is_nan() || b.is_nan(),
         }
     }
 
