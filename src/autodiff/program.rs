@@ -22,8 +22,7 @@ use super::lanes::dispatch;
 use super::native::{self, Code, Layout, Row, Rows, WhyInterpreted, availability, in_standard_modes};
 use super::scalar::Scalar;
 use super::trace::Recording;
-use crate::error::Error;
-use crate::error::Result as Checked;
+use crate::error::{Error, Result};
 use std::sync::{Arc, OnceLock};
 
 /// Slots of a small workspace: 32 KiB.
@@ -79,15 +78,18 @@ struct Interpreter {
 pub struct Program {
     form: Arc<ValueForm>,
     interpreter: Arc<Interpreter>,
-    made: Arc<Made>,
+    codes: Arc<Codes>,
 }
 
 /// Machine code of a program, made when somebody asks for the first workspace.
 #[derive(Debug, Default)]
-struct Made {
-    single: OnceLock<Result<Code, WhyInterpreted>>,
-    block: OnceLock<Result<Code, WhyInterpreted>>,
+struct Codes {
+    single: OnceLock<Made>,
+    block: OnceLock<Made>,
 }
+
+/// Machine code, or why there is none.
+type Made = std::result::Result<Code, WhyInterpreted>;
 
 /// Slots of one `f64` evaluation; made once, reused without allocation.
 ///
@@ -139,7 +141,7 @@ impl Program {
     ///
     /// # Errors
     /// [`Error::Limit`] when it has more than 2³² values.
-    pub fn compile(recording: &Recording) -> Checked<Self> {
+    pub fn compile(recording: &Recording) -> Result<Self> {
         Self::compiled(recording, false)
     }
 
@@ -148,11 +150,11 @@ impl Program {
     ///
     /// # Errors
     /// As [`Program::compile`].
-    pub(crate) fn compile_single(recording: &Recording) -> Checked<Self> {
+    pub(crate) fn compile_single(recording: &Recording) -> Result<Self> {
         Self::compiled(recording, true)
     }
 
-    fn compiled(recording: &Recording, scheduled: bool) -> Checked<Self> {
+    fn compiled(recording: &Recording, scheduled: bool) -> Result<Self> {
         let recording = recording.attached();
         let n_value = recording.n_input + recording.nodes.len();
         if n_value > MAX_VALUES {
@@ -164,7 +166,7 @@ impl Program {
 
     pub(crate) fn of_form(form: ValueForm, scheduled: bool) -> Self {
         let interpreter = slots::interpreter(&form, scheduled);
-        Self { form: Arc::new(form), interpreter: Arc::new(interpreter), made: Arc::default() }
+        Self { form: Arc::new(form), interpreter: Arc::new(interpreter), codes: Arc::default() }
     }
 
     /// The program as values: what it computes, in an order, with fusions decided.
@@ -188,15 +190,15 @@ impl Program {
         self.block_code().as_ref().err().copied()
     }
 
-    fn block_code(&self) -> &Result<Code, WhyInterpreted> {
-        self.made.block.get_or_init(|| self.code::<[f32; BLOCK]>())
+    fn block_code(&self) -> &Made {
+        self.codes.block.get_or_init(|| self.code::<[f32; BLOCK]>())
     }
 
-    fn single_code(&self) -> &Result<Code, WhyInterpreted> {
-        self.made.single.get_or_init(|| self.code::<f64>())
+    fn single_code(&self) -> &Made {
+        self.codes.single.get_or_init(|| self.code::<f64>())
     }
 
-    fn code<R: Row>(&self) -> Result<Code, WhyInterpreted> {
+    fn code<R: Row>(&self) -> Made {
         native::code::<R>(&self.form, &Layout::apart(self.n_input(), self.n_output()))
     }
 
