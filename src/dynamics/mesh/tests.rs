@@ -493,7 +493,7 @@ fn a_file_of_many_names_is_read_once_and_names_are_told_before_any_is_read() {
     all[0].1 = "nowhere.stl".into();
     all[39].0 = "m8".into();
     let text = read(&all).unwrap_err().to_string();
-    assert!(text.contains("mesh name is 'm8' twice"), "{text}");
+    assert!(text.contains("mesh name: is 'm8' twice"), "{text}");
 }
 
 #[test]
