@@ -2,7 +2,7 @@
 
 use super::allocate::allocate;
 use super::executable::Row;
-use super::layout::{Layout, Rows};
+use super::layout::{Layout, MAX_ROWS, Rows};
 use super::lower::{Callee, Element, lower};
 use super::memory::{self, Needs};
 use super::x86::{Shape, encode};
@@ -117,7 +117,7 @@ impl Native {
     fn made(key: Key) -> Result<Self, WhyInterpreted> {
         let Key { form, layout, shape, stride } = &key;
         let (shape, stride) = (*shape, *stride);
-        if form.n_value() > MAX_STEPS {
+        if form.n_value() > MAX_STEPS || (0..layout.n_array()).any(|k| layout.n_row(k) > MAX_ROWS) {
             return Err(WhyInterpreted::TooLarge);
         }
         let mut lowered = lower(form, shape.element);

@@ -25,7 +25,7 @@ mod memory;
 mod x86;
 
 pub use executable::{Executable, Row, Work};
-pub use layout::{Layout, MAX_ARRAYS, Place, Rows};
+pub use layout::{Layout, MAX_ARRAYS, MAX_ROWS, Place, Rows};
 
 #[cfg(all(target_arch = "x86_64", target_os = "linux", not(miri)))]
 pub(crate) use memory::in_standard_modes;
@@ -59,7 +59,7 @@ pub enum WhyInterpreted {
     /// The system gave no executable memory.
     #[cfg(target_os = "linux")]
     Refused(rustix::io::Errno),
-    /// More than [`MAX_STEPS`] values.
+    /// More than [`MAX_STEPS`] values, or than [`MAX_ROWS`] arguments or results.
     TooLarge,
     /// 512 MiB of code are alive.
     Full,
@@ -73,7 +73,9 @@ impl fmt::Display for WhyInterpreted {
             Self::Processor => f.write_str("the processor has no AVX2 with FMA"),
             #[cfg(target_os = "linux")]
             Self::Refused(refusal) => write!(f, "the system gives no executable memory: {refusal}"),
-            Self::TooLarge => write!(f, "the program has more than {MAX_STEPS} values"),
+            Self::TooLarge => {
+                write!(f, "the program has more than {MAX_STEPS} values, or than {MAX_ROWS} arguments or results")
+            }
             Self::Full => f.write_str("512 MiB of machine code are in use"),
         }
     }

