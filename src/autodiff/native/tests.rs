@@ -220,7 +220,7 @@ fn compare<R: Tested>(seed: u64) {
 }
 
 fn n_program() -> u64 {
-    std::env::var("OMNIDRONES_PROGRAMS").map_or(2_000, |n| n.parse().unwrap())
+    std::env::var("OMNIDRONES_PROGRAMS").map_or(25_000, |n| n.parse().unwrap())
 }
 
 /// Whether code is made here: not where it is switched off, the processor is too old or the system is hardened.
