@@ -3,7 +3,7 @@
 use crate::common::{cases, input, state, stream};
 use omnidrones::autodiff::native::{Executable, Layout, Rows, availability};
 use omnidrones::autodiff::program::BLOCK;
-use omnidrones::autodiff::{Program, Recording, System, Trace};
+use omnidrones::autodiff::{Program, Recording, Scalar, System, Trace};
 use omnidrones::dynamics::tree::Multibody;
 use omnidrones::dynamics::{Effects, Integrator, Multirotor, Physics, configurations};
 use omnidrones::tasks::{Env, EnvConfig, registry};
