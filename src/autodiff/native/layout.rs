@@ -6,7 +6,7 @@ use std::collections::HashSet;
 /// Most arrays of a layout: as many as there are registers for their addresses.
 pub const MAX_ARRAYS: usize = 6;
 
-/// Most rows of an array: code reaches two gibibytes from its beginning.
+/// Most rows of an array: code reaches two gibibytes from its beginning, and a row has 256 bytes at most.
 pub const MAX_ROWS: usize = 1 << 22;
 
 /// A row of an array.
@@ -103,11 +103,17 @@ impl Layout {
     }
 
     /// Rows that an array has at least.
+    ///
+    /// # Panics
+    /// If there is no such array.
     pub fn n_row(&self, array: usize) -> usize {
         self.n_row[array] as usize
     }
 
     /// Whether results are written to an array.
+    ///
+    /// # Panics
+    /// If there is no such array.
     pub fn is_written(&self, array: usize) -> bool {
         self.is_written[array]
     }

@@ -209,7 +209,7 @@ fn simulate(
     target: Target,
     arrays: &mut Vec<Vec<Register>>,
 ) -> Allocated {
-    let mut lowered = lower(form, element);
+    let mut lowered = lower(form, element).unwrap();
     let allocated = allocate(&mut lowered, layout, target);
     let callees: Vec<_> = lowered.calls.iter().map(|site| (site.callee.clone(), site.operands.len())).collect();
     let n_call = callees.iter().map(|(callee, n)| callee.n_output().max(*n)).max().unwrap_or(0);
