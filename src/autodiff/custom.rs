@@ -79,6 +79,9 @@ pub struct Operation(Arc<Inner>);
 
 struct Inner {
     function: Arc<dyn CustomFunction>,
+    /// Asked once: machine code counts on them.
+    n_input: usize,
+    n_output: usize,
     tangent: OnceLock<Operation>,
     adjoint: OnceLock<Operation>,
 }
@@ -106,12 +109,12 @@ impl Operation {
 
     /// Length of the inputs.
     pub fn n_input(&self) -> usize {
-        self.function().n_input()
+        self.0.n_input
     }
 
     /// Length of the outputs.
     pub fn n_output(&self) -> usize {
-        self.function().n_output()
+        self.0.n_output
     }
 
     /// The operation [x; dx] → J(x) dx.
@@ -144,7 +147,8 @@ impl Operation {
 
 impl From<Arc<dyn CustomFunction>> for Operation {
     fn from(function: Arc<dyn CustomFunction>) -> Self {
-        Self(Arc::new(Inner { function, tangent: OnceLock::new(), adjoint: OnceLock::new() }))
+        let (n_input, n_output) = (function.n_input(), function.n_output());
+        Self(Arc::new(Inner { function, n_input, n_output, tangent: OnceLock::new(), adjoint: OnceLock::new() }))
     }
 }
 

@@ -23,7 +23,7 @@ use super::native::{self, Code, Layout, Row, Rows, WhyInterpreted, availability,
 use super::scalar::Scalar;
 use super::trace::Recording;
 use crate::error::{Error, Result};
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex};
 
 /// Slots of a small workspace: 32 KiB.
 const FEW_SLOTS: usize = 1 << 12;
@@ -81,15 +81,13 @@ pub struct Program {
     codes: Arc<Codes>,
 }
 
-/// Machine code of a program, made when somebody asks for the first workspace.
+/// Machine code of a program, made when somebody asks for the first workspace. Locks are tried and not waited for: in a process made by
+/// `fork` nobody may be there who gives them back.
 #[derive(Debug, Default)]
 struct Codes {
-    single: OnceLock<Made>,
-    block: OnceLock<Made>,
+    single: Mutex<Option<Code>>,
+    block: Mutex<Option<Code>>,
 }
-
-/// Machine code, or why there is none.
-type Made = std::result::Result<Code, WhyInterpreted>;
 
 /// Slots of one `f64` evaluation; made once, reused without allocation.
 ///
@@ -102,8 +100,7 @@ pub struct Workspace {
 
 #[derive(Debug, Clone)]
 enum Slots {
-    /// Of machine code.
-    Native(Lines),
+    Native(Box<NativeSlots>),
     Few(Box<[f64; FEW_SLOTS]>),
     Many(Box<[f64; MANY_SLOTS]>),
     /// As many as the program has.
@@ -119,7 +116,7 @@ impl Workspace {
     /// By number of the slot.
     pub(crate) fn slots(&self) -> &[f64] {
         match &self.slots {
-            Slots::Native(slots) => slots.as_flattened(),
+            Slots::Native(native) => native.slots.as_flattened(),
             Slots::Few(slots) => &slots[..],
             Slots::Many(slots) => &slots[..],
             Slots::All(slots) => slots,
@@ -132,8 +129,23 @@ impl Workspace {
 pub struct BlockWorkspace {
     slots: Columns,
     scratch: Vec<f64>,
-    /// Of machine code, where there is some; the others are empty then.
-    native: Option<Lines>,
+    /// Where there is machine code; the others are empty then.
+    native: Option<NativeSlots>,
+}
+
+/// Machine code, its slots, and the program that it is of.
+#[derive(Debug, Clone)]
+struct NativeSlots {
+    code: Code,
+    slots: Lines,
+    form: Arc<ValueForm>,
+}
+
+impl NativeSlots {
+    fn run<R: Row>(&mut self, program: &Program, arrays: &mut [Rows<'_, R>], n: usize) {
+        let is_own = Arc::ptr_eq(&self.form, &program.form) || self.form == program.form;
+        assert!(is_own && self.code.run(&mut self.slots, arrays, n), "slots of the program");
+    }
 }
 
 impl Program {
@@ -156,7 +168,8 @@ impl Program {
 
     fn compiled(recording: &Recording, scheduled: bool) -> Result<Self> {
         let recording = recording.attached();
-        let n_value = recording.n_input + recording.nodes.len();
+        // a sine alone has its cosine beside it
+        let n_value = recording.n_input + 2 * recording.nodes.len();
         if n_value > MAX_VALUES {
             let remedy = "Record a smaller function: one step instead of a rollout.";
             return Err(Error::limit("number of values of a program", n_value, MAX_VALUES, remedy));
@@ -187,19 +200,23 @@ impl Program {
 
     /// Why it does not.
     pub fn why_interpreted(&self) -> Option<WhyInterpreted> {
-        self.block_code().as_ref().err().copied()
+        self.code::<[f32; BLOCK]>(&self.codes.block).err()
     }
 
-    fn block_code(&self) -> &Made {
-        self.codes.block.get_or_init(|| self.code::<[f32; BLOCK]>())
+    fn native_slots<R: Row>(&self, place: &Mutex<Option<Code>>) -> std::result::Result<NativeSlots, WhyInterpreted> {
+        let code = self.code::<R>(place)?;
+        Ok(NativeSlots { slots: code.slots(), code, form: self.form.clone() })
     }
 
-    fn single_code(&self) -> &Made {
-        self.codes.single.get_or_init(|| self.code::<f64>())
-    }
-
-    fn code<R: Row>(&self) -> Made {
-        native::code::<R>(&self.form, &Layout::apart(self.n_input(), self.n_output()))
+    /// Machine code for rows of a kind, kept at `place`.
+    fn code<R: Row>(&self, place: &Mutex<Option<Code>>) -> std::result::Result<Code, WhyInterpreted> {
+        availability()?;
+        let make = || native::code::<R>(&self.form, &Layout::apart(self.n_input(), self.n_output()));
+        let Ok(mut place) = place.try_lock() else { return make() };
+        if place.is_none() {
+            *place = Some(make()?);
+        }
+        place.clone().map_or_else(make, Ok)
     }
 
     /// Number of inputs.
@@ -229,8 +246,8 @@ impl Program {
 
     /// Scratch for [`Program::evaluate`]. The first one makes its machine code: about half a microsecond an instruction.
     pub fn workspace(&self) -> Workspace {
-        match availability().and_then(|()| self.single_code().clone()) {
-            Ok(code) => Workspace { slots: Slots::Native(code.slots()), scratch: Vec::new() },
+        match self.native_slots::<f64>(&self.codes.single) {
+            Ok(native) => Workspace { scratch: Vec::new(), slots: Slots::Native(Box::new(native)) },
             Err(_) => self.interpreter_workspace(),
         }
     }
@@ -269,8 +286,8 @@ impl Program {
 
     /// Scratch for [`Program::evaluate_block`]. The first one makes its machine code, as [`Program::workspace`] does.
     pub fn block_workspace(&self) -> BlockWorkspace {
-        match availability().and_then(|()| self.block_code().clone()) {
-            Ok(code) => BlockWorkspace { slots: Columns::default(), scratch: Vec::new(), native: Some(code.slots()) },
+        match self.native_slots::<[f32; BLOCK]>(&self.codes.block) {
+            Ok(native) => BlockWorkspace { slots: Columns::default(), scratch: Vec::new(), native: Some(native) },
             Err(_) => self.interpreter_block_workspace(),
         }
     }
@@ -278,9 +295,11 @@ impl Program {
     /// Scratch with which [`Program::evaluate_block`] interprets, whether there is machine code or not.
     pub fn interpreter_block_workspace(&self) -> BlockWorkspace {
         let mut slots = Columns::zeros(self.interpreter.neutral.n_slot());
-        for (slot, value) in self.fixed_slots() {
-            slots[slot as usize] = [value as f32; BLOCK];
-        }
+        in_standard_modes(|| {
+            for (slot, value) in self.fixed_slots() {
+                slots[slot as usize] = [value as f32; BLOCK];
+            }
+        });
         BlockWorkspace { slots, scratch: self.scratch(), native: None }
     }
 
@@ -298,10 +317,8 @@ impl Program {
     pub fn evaluate(&self, workspace: &mut Workspace, inputs: &[f64], outputs: &mut [f64]) {
         assert_eq!(inputs.len(), self.n_input(), "inputs of the program");
         assert_eq!(outputs.len(), self.n_output(), "outputs of the program");
-        if let (Slots::Native(slots), Ok(code)) = (&mut workspace.slots, self.single_code()) {
-            let did = code.run(slots, &mut [Rows::Read(inputs), Rows::Write(outputs)], 1);
-            assert!(did, "slots of the program");
-            return;
+        if let Slots::Native(native) = &mut workspace.slots {
+            return native.run(self, &mut [Rows::Read(inputs), Rows::Write(outputs)], 1);
         }
         let slots = self.evaluate_inside(workspace, inputs);
         for (output, slot) in outputs.iter_mut().zip(&self.interpreter.outputs) {
@@ -314,7 +331,7 @@ impl Program {
         assert_eq!(inputs.len(), self.n_input(), "inputs of the program");
         let Workspace { slots, scratch } = workspace;
         in_standard_modes(|| match slots {
-            Slots::Native(_) => panic!("slots of the program"),
+            Slots::Native(..) => panic!("slots of the program"),
             Slots::Few(slots) => self.interpreter.run(&mut **slots, scratch, inputs),
             Slots::Many(slots) => self.interpreter.run(&mut **slots, scratch, inputs),
             Slots::All(slots) => self.interpreter.run(slots, scratch, inputs),
@@ -410,15 +427,13 @@ impl Program {
         inputs: &[[f32; BLOCK]],
         outputs: &mut [[f32; BLOCK]],
     ) {
-        if let (Some(slots), Ok(code)) = (&mut workspace.native, self.block_code()) {
+        if let Some(native) = &mut workspace.native {
             assert_eq!(
                 (inputs.len(), outputs.len()),
                 (self.n_input(), self.n_output()),
                 "inputs and outputs of the program"
             );
-            let did = code.run(slots, &mut [Rows::Read(inputs), Rows::Write(outputs)], n.clamp(1, BLOCK));
-            assert!(did, "slots of the program");
-            return;
+            return native.run(self, &mut [Rows::Read(inputs), Rows::Write(outputs)], n.clamp(1, BLOCK));
         }
         in_standard_modes(|| {
             dispatch(block::Evaluate { program: self, n: n.clamp(1, BLOCK), workspace, inputs, outputs })

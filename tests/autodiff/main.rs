@@ -5,6 +5,7 @@ mod closed_forms;
 mod common;
 mod gradients;
 mod multibody_gradients;
+mod native;
 mod one_source;
 mod rng;
 

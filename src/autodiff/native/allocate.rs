@@ -189,6 +189,9 @@ struct Allocator<'a> {
     target: Target,
     n_input: usize,
     first_step: usize,
+    /// Values of constants that instructions read beside their operands: 1, and the lowest bit.
+    one: usize,
+    lowest_bit: usize,
     /// Times at which values are read, those of value v at `first[v]..first[v + 1]`.
     uses: Vec<u32>,
     first: Vec<u32>,
@@ -277,6 +280,8 @@ impl<'a> Allocator<'a> {
             target,
             n_input,
             first_step,
+            one: n_input + lowered.one(),
+            lowest_bit: n_input + lowered.lowest_bit(),
             uses: Vec::new(),
             first: vec![0; n_value + 1],
             cursor: Vec::new(),
@@ -649,15 +654,14 @@ impl<'a> Allocator<'a> {
     }
 
     fn less(&mut self, a: usize, b: usize) -> Reg {
-        let one = self.n_input + self.lowered.one().unwrap_or(0);
         if self.target.has_masks {
             let k = self.mask(a, b, false);
             self.release(&[a, b]);
             let d = self.take();
-            self.out.push(Instruction::Where { d, k, m: self.memory(one) });
+            self.out.push(Instruction::Where { d, k, m: self.memory(self.one) });
             return d;
         }
-        let one = self.ensure(one);
+        let one = self.ensure(self.one);
         let (a_in, b_in, relation) = self.compared(a, b, false);
         self.release(&[a, b]);
         self.pinned |= 1 << one;
@@ -689,9 +693,8 @@ impl<'a> Allocator<'a> {
         if self.target.has_masks {
             let is_inverse = !self.is_here(no) && self.is_here(yes);
             let (yes, no) = if is_inverse { (no, yes) } else { (yes, no) };
-            let least = self.n_input + self.lowered.constants.iter().position(|bits| *bits == 1).unwrap_or(0);
             let k = N_MASK as Reg + 1;
-            self.out.push(Instruction::Test { k, a: s, b: self.rm(least), share: !is_inverse });
+            self.out.push(Instruction::Test { k, a: s, b: self.rm(self.lowest_bit), share: !is_inverse });
             return self.blend(k, yes, no, &all);
         }
         let (no_in, yes_in) = self.blended(yes, no);

@@ -2,9 +2,9 @@
 
 use super::allocate::allocate;
 use super::executable::Row;
-use super::layout::{Layout, Rows};
+use super::layout::{Layout, MAX_ROWS, Rows};
 use super::lower::{Callee, Element, lower};
-use super::memory::{self, Needs};
+use super::memory::{self, Needs, PerProcess};
 use super::x86::{Shape, encode};
 use super::{MAX_STEPS, WhyInterpreted};
 use crate::autodiff::columns::Lines;
@@ -13,7 +13,7 @@ use crate::autodiff::lanes::instruction_set;
 use crate::autodiff::program::{Op, ValueForm};
 use std::collections::HashMap;
 use std::hash::{DefaultHasher, Hash, Hasher};
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock, Weak};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 
 /// Machine code, constants and callees. It stays while somebody has it.
 #[derive(Debug)]
@@ -81,11 +81,10 @@ struct Key {
 /// Code that somebody has, by the hash of its key.
 type Cache = HashMap<u64, Vec<Weak<Native>>>;
 
-static CACHE: OnceLock<Mutex<Cache>> = OnceLock::new();
+static CACHE: PerProcess<Mutex<Cache>> = PerProcess::new();
 
-/// Not waited for: a process made by `fork` would wait for ever where another thread had it.
-fn cache() -> Option<MutexGuard<'static, Cache>> {
-    CACHE.get_or_init(Mutex::default).try_lock().ok()
+fn cache() -> MutexGuard<'static, Cache> {
+    CACHE.get().lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl Key {
@@ -101,29 +100,26 @@ impl Native {
     fn of(form: &Arc<ValueForm>, layout: &Layout, shape: Shape, stride: usize) -> Result<Arc<Self>, WhyInterpreted> {
         let key = Key { form: form.clone(), layout: layout.clone(), shape, stride };
         let hash = key.hash();
-        let alike: Vec<Arc<Self>> = cache()
-            .and_then(|cache| Some(cache.get(&hash)?.iter().filter_map(Weak::upgrade).collect()))
-            .unwrap_or_default();
+        // compared, and let go, when the lock is free again: the last share takes the lock to be forgotten
+        let alike: Vec<Arc<Self>> = cache().get(&hash).into_iter().flatten().filter_map(Weak::upgrade).collect();
         if let Some(found) = alike.into_iter().find(|code| code.key == key) {
             return Ok(found);
         }
+        memory::refusal()?;
         let made = Arc::new(Self::made(key)?);
-        if let Some(mut cache) = cache() {
-            cache.entry(hash).or_default().push(Arc::downgrade(&made));
-        }
+        cache().entry(hash).or_default().push(Arc::downgrade(&made));
         Ok(made)
     }
 
     fn made(key: Key) -> Result<Self, WhyInterpreted> {
         let Key { form, layout, shape, stride } = &key;
         let (shape, stride) = (*shape, *stride);
-        if form.n_value() > MAX_STEPS {
+        let n_called: usize = form.calls().iter().map(|call| call.operands.len() + call.operation.n_output()).sum();
+        let n_most = form.n_value().max(form.results().len()).max(n_called);
+        if n_most > MAX_STEPS || (0..layout.n_array()).any(|k| layout.n_row(k) > MAX_ROWS) {
             return Err(WhyInterpreted::TooLarge);
         }
-        let mut lowered = lower(form, shape.element);
-        if lowered.steps.len() > MAX_STEPS {
-            return Err(WhyInterpreted::TooLarge);
-        }
+        let mut lowered = lower(form, shape.element).ok_or(WhyInterpreted::TooLarge)?;
         let allocated = allocate(&mut lowered, layout, shape.target());
         let callees: Vec<_> = lowered.calls.into_iter().map(|site| (site.callee, site.operands.len())).collect();
         let call_rows = callees.iter().map(|(callee, n)| callee.n_output().max(*n)).max().unwrap_or(0);
@@ -149,7 +145,7 @@ impl Native {
 #[cfg(test)]
 pub(super) fn bytes(form: &ValueForm, layout: &Layout, element: Element, is_single: bool) -> Vec<u8> {
     let shape = shape(element, is_single);
-    let mut lowered = lower(form, element);
+    let mut lowered = lower(form, element).unwrap();
     let allocated = allocate(&mut lowered, layout, shape.target());
     encode(&allocated, shape, layout, shape.width, 3)
 }
@@ -157,9 +153,8 @@ pub(super) fn bytes(form: &ValueForm, layout: &Layout, element: Element, is_sing
 impl Drop for Native {
     fn drop(&mut self) {
         let hash = self.key.hash();
-        if let Some(mut cache) = cache()
-            && let Some(alike) = cache.get_mut(&hash)
-        {
+        let mut cache = cache();
+        if let Some(alike) = cache.get_mut(&hash) {
             alike.retain(|code| code.strong_count() > 0);
             if alike.is_empty() {
                 cache.remove(&hash);

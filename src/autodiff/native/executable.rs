@@ -127,7 +127,8 @@ impl<R: Row> Executable<R> {
     /// numbers of a row. No number is touched then.
     ///
     /// # Panics
-    /// If `work` is another program's, or a custom function panics.
+    /// If `work` has too little room, or a custom function panics. That of another program gives wrong numbers where it is
+    /// interpreted.
     pub fn run(&self, work: &mut Work<R>, arrays: &mut [Rows<'_, R>], n: usize) -> Result<()> {
         if let Ok(code) = &self.code {
             if n.wrapping_sub(1) < R::N && code.run(&mut work.slots, arrays, n) {

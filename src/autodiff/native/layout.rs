@@ -6,6 +6,9 @@ use std::collections::HashSet;
 /// Most arrays of a layout: as many as there are registers for their addresses.
 pub const MAX_ARRAYS: usize = 6;
 
+/// Most rows of an array: code reaches two gibibytes from its beginning, and a row has 256 bytes at most.
+pub const MAX_ROWS: usize = 1 << 22;
+
 /// A row of an array.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Place {
@@ -52,7 +55,8 @@ impl Layout {
     /// Arguments and results at these places.
     ///
     /// # Errors
-    /// [`Error::Value`] where two results share a place, [`Error::Limit`] for an array behind the sixth.
+    /// [`Error::Value`] where two results share a place, [`Error::Limit`] for an array behind the sixth and a row behind
+    /// [`MAX_ROWS`].
     pub fn new(arguments: Vec<Place>, results: Vec<Place>) -> Result<Self> {
         let places = || arguments.iter().chain(&results);
         let n_array = places().map(|place| usize::from(place.array) + 1).max().unwrap_or(0);
@@ -63,6 +67,9 @@ impl Layout {
                 MAX_ARRAYS,
                 "Put rows together in one array.",
             ));
+        }
+        if let Some(row) = places().map(|place| place.row as usize).find(|row| *row >= MAX_ROWS) {
+            return Err(Error::limit("row of a layout", row, MAX_ROWS - 1, "Put rows that are used close together."));
         }
         let mut taken = HashSet::with_capacity(results.len());
         if let Some((k, place)) = results.iter().enumerate().find(|(_, place)| !taken.insert(**place)) {
@@ -96,11 +103,17 @@ impl Layout {
     }
 
     /// Rows that an array has at least.
+    ///
+    /// # Panics
+    /// If there is no such array.
     pub fn n_row(&self, array: usize) -> usize {
         self.n_row[array] as usize
     }
 
     /// Whether results are written to an array.
+    ///
+    /// # Panics
+    /// If there is no such array.
     pub fn is_written(&self, array: usize) -> bool {
         self.is_written[array]
     }

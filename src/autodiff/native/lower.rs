@@ -1,6 +1,7 @@
 //! From the operations of a program to those of a processor: elementary functions of `f32` become the polynomials of the lanes, those
 //! of `f64` calls; minima and maxima are found in selections; equal terms are computed once, and what nobody reads not at all.
 
+use super::MAX_STEPS;
 use crate::autodiff::custom::Operation;
 use crate::autodiff::polynomials::*;
 use crate::autodiff::program::{Action, Op, Source, Value, ValueForm};
@@ -161,8 +162,8 @@ pub(super) struct Lowered {
     pub(super) results: Vec<Operand>,
 }
 
-/// Lowers a program.
-pub(super) fn lower(form: &ValueForm, element: Element) -> Lowered {
+/// Lowers a program, unless it has more than [`MAX_STEPS`].
+pub(super) fn lower(form: &ValueForm, element: Element) -> Option<Lowered> {
     let lowered = Lowered {
         element,
         n_input: form.n_input(),
@@ -173,8 +174,8 @@ pub(super) fn lower(form: &ValueForm, element: Element) -> Lowered {
     };
     let mut lowering =
         Lowering { to: lowered, numbers: HashMap::default(), known: HashMap::default(), is_less: HashMap::default() };
-    lowering.run(form);
-    lowering.to.without_dead_steps()
+    lowering.run(form)?;
+    Some(lowering.to.without_dead_steps())
 }
 
 /// Multiplies and rotates, as the hash of the compiler of Firefox does: keys are small numbers that nobody chooses against us.
@@ -183,7 +184,8 @@ struct Quick(u64);
 
 impl Hasher for Quick {
     fn finish(&self) -> u64 {
-        self.0 ^ (self.0 >> 32)
+        let mixed = (self.0 ^ (self.0 >> 32)).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        mixed ^ (mixed >> 32)
     }
     fn write(&mut self, bytes: &[u8]) {
         bytes.iter().for_each(|byte| self.write_u64(u64::from(*byte)));
@@ -218,7 +220,7 @@ struct Lowering {
 }
 
 impl Lowering {
-    fn run(&mut self, form: &ValueForm) {
+    fn run(&mut self, form: &ValueForm) -> Option<()> {
         let mut place: Vec<Operand> = Vec::with_capacity(form.n_value());
         place.extend((0..form.n_input()).map(Operand::input));
         for value in (form.n_input()..form.first_computed()).map(|k| Value(k as u32)) {
@@ -226,6 +228,9 @@ impl Lowering {
             place.push(self.number(number));
         }
         for instruction in form.instructions() {
+            if self.to.steps.len() > MAX_STEPS {
+                return None;
+            }
             match instruction.action {
                 Action::Op(op, operands) => {
                     let operands = operands.map(|value| place[value.index()]);
@@ -239,6 +244,7 @@ impl Lowering {
             }
         }
         self.to.results = form.results().iter().map(|value| place[value.index()]).collect();
+        Some(())
     }
 
     /// Makes a call and appends its results.
@@ -513,13 +519,22 @@ impl Lowering {
 }
 
 impl Lowered {
+    /// The constant of these bits. What reads one has put it there.
+    fn constant(&self, bits: u64) -> usize {
+        self.constants.iter().position(|own| *own == bits).unwrap_or(0)
+    }
+
     /// The constant 1.
-    pub(super) fn one(&self) -> Option<usize> {
-        let one = match self.element {
+    pub(super) fn one(&self) -> usize {
+        self.constant(match self.element {
             Element::F32 => u64::from(1.0_f32.to_bits()),
             Element::F64 => 1.0_f64.to_bits(),
-        };
-        self.constants.iter().position(|bits| *bits == one)
+        })
+    }
+
+    /// The constant whose lowest bit alone is set.
+    pub(super) fn lowest_bit(&self) -> usize {
+        self.constant(1)
     }
 
     fn without_dead_steps(mut self) -> Self {

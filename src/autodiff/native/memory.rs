@@ -9,10 +9,11 @@
 
 #![allow(unsafe_code)]
 
-use super::WhyInterpreted;
 use super::layout::{MAX_ARRAYS, Rows};
+use super::{MAX_CODE, WhyInterpreted};
 use crate::autodiff::columns::Lines;
 use bytemuck::Pod;
+use rustix::io::Errno;
 use rustix::mm::{Advice, MapFlags, MprotectFlags, ProtFlags, madvise, mmap_anonymous, mprotect, munmap};
 use std::any::Any;
 use std::ffi::c_void;
@@ -20,11 +21,8 @@ use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::process;
 use std::ptr::{null_mut, slice_from_raw_parts_mut};
-use std::sync::atomic::{AtomicPtr, Ordering};
+use std::sync::atomic::{AtomicI32, AtomicPtr, Ordering};
 use std::sync::{Mutex, PoisonError};
-
-/// Most bytes of code of a process.
-pub(super) const MAX_CODE: usize = 512 << 20;
 
 /// Bytes of an arena, unless one program needs more.
 const ARENA: usize = 16 << 20;
@@ -101,7 +99,7 @@ impl Code {
     /// Writes and seals code that reads all of `constants` at most and touches no more than `needs` says.
     pub(super) fn new(bytes: &[u8], constants: Lines, needs: Needs) -> Result<Self, WhyInterpreted> {
         let n_page = bytes.len().div_ceil(PAGE);
-        let pool = Pool::of_this_process();
+        let pool = POOL.get();
         let at = pool.write(bytes, n_page)?;
         Ok(Self { pool, at, n_page, constants, needs })
     }
@@ -205,17 +203,18 @@ pub(super) fn with_modes(modes: u32, work: impl FnOnce()) {
 /// The modes to go back to, where they were others.
 struct Modes(Option<u32>);
 
-/// Bits of MXCSR: flush to zero, rounding, denormals are zero.
-const MODES: u32 = 1 << 15 | 3 << 13 | 1 << 6;
+/// Bits of MXCSR that say how numbers are made: flush to zero, rounding, no interrupts of six kinds, denormals are zero.
+const MODES: u32 = 1 << 15 | 3 << 13 | NO_INTERRUPTS | 1 << 6;
+const NO_INTERRUPTS: u32 = 0x3F << 7;
 
 impl Modes {
     #[inline(always)]
     fn standard() -> Self {
         let own = Self::read();
-        if own & MODES == 0 {
+        if own & MODES == NO_INTERRUPTS {
             return Self(None);
         }
-        Self::write(own & !MODES);
+        Self::write(own & !MODES | NO_INTERRUPTS);
         Self(Some(own))
     }
 
@@ -230,7 +229,7 @@ impl Modes {
     #[cold]
     fn write(modes: u32) {
         // SAFETY: reads 4 bytes of a local. The modes are those that Rust assumes, or those that the caller had.
-        unsafe { std::arch::asm!("ldmxcsr [{}]", in(reg) &raw const modes, options(nostack, preserves_flags)) };
+        unsafe { std::arch::asm!("ldmxcsr [{}]", in(reg) &raw const modes, options(nostack)) };
     }
 }
 
@@ -243,11 +242,60 @@ impl Drop for Modes {
     }
 }
 
+/// Something that every process has its own of, also one made by `fork`: a lock that another thread held then would be held there for
+/// ever.
+#[derive(Debug)]
+pub(super) struct PerProcess<T>(AtomicPtr<(u32, T)>);
+
+impl<T: Default + Sync> PerProcess<T> {
+    pub(super) const fn new() -> Self {
+        Self(AtomicPtr::new(null_mut()))
+    }
+
+    pub(super) fn get(&'static self) -> &'static T {
+        let (process, found) = (process::id(), self.0.load(Ordering::Acquire));
+        // SAFETY: null, or one that is never freed once it stands here.
+        if let Some((_, own)) = unsafe { found.as_ref() }.filter(|(of, _)| *of == process) {
+            return own;
+        }
+        let own = Box::into_raw(Box::new((process, T::default())));
+        match self.0.compare_exchange(found, own, Ordering::AcqRel, Ordering::Acquire) {
+            // SAFETY: it stands there from now on.
+            Ok(_) => unsafe { &(*own).1 },
+            Err(other) => {
+                // SAFETY: another thread was faster: nobody else has seen `own`, and `other` stands there.
+                unsafe {
+                    drop(Box::from_raw(own));
+                    &(*other).1
+                }
+            }
+        }
+    }
+}
+
 /// The arenas of a process.
 #[derive(Debug)]
 struct Pool {
     process: u32,
     arenas: Mutex<Vec<Arena>>,
+    /// What the system said to the first code that was not to be executed, 0 before.
+    refusal: AtomicI32,
+}
+
+impl Default for Pool {
+    fn default() -> Self {
+        Self { process: process::id(), arenas: Mutex::default(), refusal: AtomicI32::new(0) }
+    }
+}
+
+static POOL: PerProcess<Pool> = PerProcess::new();
+
+/// Whether the system has refused executable memory before.
+pub(super) fn refusal() -> Result<(), WhyInterpreted> {
+    match POOL.get().refusal.load(Ordering::Relaxed) {
+        0 => Ok(()),
+        errno => Err(WhyInterpreted::Refused(Errno::from_raw_os_error(errno))),
+    }
 }
 
 /// Pages, and those of them that are free.
@@ -256,6 +304,7 @@ struct Arena {
     /// Behind the first page that nobody may touch.
     at: *mut u8,
     n_page: usize,
+    n_free: usize,
     /// In order, never touching.
     free: Vec<Range<usize>>,
 }
@@ -263,28 +312,10 @@ struct Arena {
 // SAFETY: an arena owns its pages; whoever has it may change their rights.
 unsafe impl Send for Arena {}
 
-static POOL: AtomicPtr<Pool> = AtomicPtr::new(null_mut());
-
 impl Pool {
-    fn of_this_process() -> &'static Self {
-        let (process, found) = (process::id(), POOL.load(Ordering::Acquire));
-        // SAFETY: null or a pool that is never freed.
-        if let Some(pool) = unsafe { found.as_ref() }.filter(|pool| pool.process == process) {
-            return pool;
-        }
-        let own = Box::into_raw(Box::new(Self { process, arenas: Mutex::new(Vec::new()) }));
-        let current = match POOL.compare_exchange(found, own, Ordering::AcqRel, Ordering::Acquire) {
-            Ok(_) => own,
-            // another thread was faster
-            Err(other) => other,
-        };
-        // SAFETY: as above; `own` is leaked where it is not used, once in the life of a process.
-        unsafe { &*current }
-    }
-
     fn write(&self, bytes: &[u8], n_page: usize) -> Result<*mut u8, WhyInterpreted> {
         let mut arenas = self.arenas.lock().unwrap_or_else(PoisonError::into_inner);
-        let in_use: usize = arenas.iter().map(|arena| PAGE * (arena.n_page - arena.n_free())).sum();
+        let in_use: usize = arenas.iter().map(|arena| PAGE * (arena.n_page - arena.n_free)).sum();
         if in_use + PAGE * n_page > MAX_CODE {
             return Err(WhyInterpreted::Full);
         }
@@ -301,6 +332,9 @@ impl Pool {
         let at = base.wrapping_add(first * PAGE);
         seal(at, n_page, bytes).map_err(|refusal| {
             arenas.iter_mut().filter(|arena| arena.at == base).for_each(|arena| arena.give(first..first + n_page));
+            if matches!(refusal, Errno::ACCESS | Errno::PERM) {
+                self.refusal.store(refusal.raw_os_error(), Ordering::Relaxed);
+            }
             WhyInterpreted::Refused(refusal)
         })?;
         Ok(at)
@@ -317,8 +351,8 @@ impl Pool {
         let _ = unsafe { madvise(at.cast(), n_page * PAGE, Advice::LinuxDontNeed) };
         let first = (at as usize - arenas[k].at as usize) / PAGE;
         arenas[k].give(first..first + n_page);
-        let n_empty = arenas.iter().filter(|arena| arena.n_free() == arena.n_page).count();
-        if n_empty > 1 && arenas[k].n_free() == arenas[k].n_page {
+        let n_empty = arenas.iter().filter(|arena| arena.n_free == arena.n_page).count();
+        if n_empty > 1 && arenas[k].n_free == arenas[k].n_page {
             arenas.swap_remove(k);
         }
     }
@@ -352,7 +386,7 @@ impl Arena {
             base.write_volatile(0);
             mprotect(base.cast(), n_byte, MprotectFlags::empty())
         };
-        let mut arena = Self { at: base.wrapping_add(PAGE), n_page, free: Vec::new() };
+        let mut arena = Self { at: base.wrapping_add(PAGE), n_page, n_free: 0, free: Vec::new() };
         arena.give(0..n_page);
         closed.map_err(WhyInterpreted::Refused)?;
         Ok(arena)
@@ -362,15 +396,12 @@ impl Arena {
         (self.at as usize..self.at as usize + self.n_page * PAGE).contains(&(at as usize))
     }
 
-    fn n_free(&self) -> usize {
-        self.free.iter().map(ExactSizeIterator::len).sum()
-    }
-
     /// The first free pages that suffice.
     fn take(&mut self, n_page: usize) -> Option<usize> {
         let k = self.free.iter().position(|range| range.len() >= n_page)?;
         let first = self.free[k].start;
         self.free[k].start += n_page;
+        self.n_free -= n_page;
         if self.free[k].is_empty() {
             self.free.remove(k);
         }
@@ -379,6 +410,7 @@ impl Arena {
 
     /// Takes pages back, joined with free neighbours.
     fn give(&mut self, mut pages: Range<usize>) {
+        self.n_free += pages.len();
         let k = self.free.partition_point(|range| range.start < pages.start);
         if self.free.get(k).is_some_and(|next| next.start == pages.end) {
             pages.end = self.free.remove(k).end;

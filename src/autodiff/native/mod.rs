@@ -25,7 +25,7 @@ mod memory;
 mod x86;
 
 pub use executable::{Executable, Row, Work};
-pub use layout::{Layout, MAX_ARRAYS, Place, Rows};
+pub use layout::{Layout, MAX_ARRAYS, MAX_ROWS, Place, Rows};
 
 #[cfg(all(target_arch = "x86_64", target_os = "linux", not(miri)))]
 pub(crate) use memory::in_standard_modes;
@@ -46,6 +46,9 @@ use std::sync::{Arc, OnceLock};
 /// Most values of a program that becomes machine code, elementary functions counted as what they are made of.
 pub const MAX_STEPS: usize = 1 << 20;
 
+/// Most bytes of code of a process, in whole pages.
+pub const MAX_CODE: usize = 512 << 20;
+
 /// Why a program is interpreted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
@@ -59,9 +62,9 @@ pub enum WhyInterpreted {
     /// The system gave no executable memory.
     #[cfg(target_os = "linux")]
     Refused(rustix::io::Errno),
-    /// More than [`MAX_STEPS`] values.
+    /// More than [`MAX_STEPS`] values, numbers of calls or results, or than [`MAX_ROWS`] rows.
     TooLarge,
-    /// 512 MiB of code are alive.
+    /// [`MAX_CODE`] bytes of code are alive.
     Full,
 }
 
@@ -73,8 +76,10 @@ impl fmt::Display for WhyInterpreted {
             Self::Processor => f.write_str("the processor has no AVX2 with FMA"),
             #[cfg(target_os = "linux")]
             Self::Refused(refusal) => write!(f, "the system gives no executable memory: {refusal}"),
-            Self::TooLarge => write!(f, "the program has more than {MAX_STEPS} values"),
-            Self::Full => f.write_str("512 MiB of machine code are in use"),
+            Self::TooLarge => {
+                write!(f, "the program has more than {MAX_STEPS} values, numbers of calls or results")
+            }
+            Self::Full => write!(f, "{} MiB of machine code are in use", MAX_CODE >> 20),
         }
     }
 }
@@ -82,7 +87,9 @@ impl fmt::Display for WhyInterpreted {
 /// Whether machine code may be made here, as far as that is known without making any.
 pub fn availability() -> Result<(), WhyInterpreted> {
     static SWITCH: OnceLock<bool> = OnceLock::new();
-    let is_off = *SWITCH.get_or_init(|| std::env::var_os("OMNIDRONES_NATIVE").is_some_and(|value| value == "off"));
+    let is_off = *SWITCH.get_or_init(|| {
+        std::env::var_os("OMNIDRONES_NATIVE").is_some_and(|value| value.eq_ignore_ascii_case("off") || value == "0")
+    });
     match (is_off, crate::autodiff::lanes::instruction_set()) {
         (true, _) => Err(WhyInterpreted::Off),
         _ if !cfg!(all(target_arch = "x86_64", target_os = "linux", not(miri))) => Err(WhyInterpreted::System),
@@ -94,7 +101,8 @@ pub fn availability() -> Result<(), WhyInterpreted> {
 /// Machine code of a program for rows of a kind, made now or found.
 pub(crate) fn code<R: Row>(form: &Arc<ValueForm>, layout: &Layout) -> Result<Code, WhyInterpreted> {
     availability()?;
-    Code::of::<R>(form, layout)
+    // constants are rounded here
+    in_standard_modes(|| Code::of::<R>(form, layout))
 }
 
 #[cfg(all(test, target_arch = "x86_64", target_os = "linux", not(miri)))]

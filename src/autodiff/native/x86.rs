@@ -158,7 +158,7 @@ impl Encoder {
             Load { d, m } => self.load(d, m),
             Store { m, s } => {
                 let last = self.memory(m);
-                let opcode = self.moving(0x11);
+                let opcode = self.arithmetic(0x11);
                 self.vector(opcode, s, 0, last, self.whole());
             }
             Move { d, s } => {
@@ -212,7 +212,7 @@ impl Encoder {
                     scale: self.shape.element_size(),
                     ..Extra::default()
                 };
-                let opcode = if self.shape.is_single() { self.moving(0x10) } else { self.broadcast() };
+                let opcode = if self.shape.is_single() { self.arithmetic(0x10) } else { self.broadcast() };
                 let last = self.unbroadcast(m);
                 self.vector(opcode, d, 0, last, extra);
             }
@@ -246,7 +246,7 @@ impl Encoder {
             return self.vector(self.broadcast(), d, 0, last, extra);
         }
         let last = self.memory(m);
-        let opcode = self.moving(0x10);
+        let opcode = self.arithmetic(0x10);
         self.vector(opcode, d, 0, last, self.whole());
     }
 
@@ -283,11 +283,6 @@ impl Encoder {
     /// Of whole registers.
     fn arithmetic_packed(&self, prefix: u8, code: u8) -> Opcode {
         Opcode { map: 1, prefix, w: self.shape.element == Element::F64, code }
-    }
-
-    /// Between a register and memory that need not be aligned.
-    fn moving(&self, code: u8) -> Opcode {
-        self.arithmetic(code)
     }
 
     /// One number into all of a register.

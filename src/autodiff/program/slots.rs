@@ -5,6 +5,9 @@ use super::value::{Action, Op, Value, ValueForm};
 use super::{Call, Interpreter, Placed};
 use std::collections::VecDeque;
 
+/// Behind all times of use, but of results.
+const RELEASED: usize = usize::MAX - 1;
+
 /// Gives each value a slot from its definition to its last use.
 struct Slots<'a> {
     form: &'a ValueForm,
@@ -136,8 +139,10 @@ impl<'a> Slots<'a> {
 
     /// Gives back the slots of operands read here for the last time.
     fn release(&mut self, reads: &[Value], time: usize) {
-        for (k, value) in reads.iter().enumerate() {
-            if self.last_use[value.index()] == time && !reads[..k].contains(value) {
+        for value in reads {
+            if self.last_use[value.index()] == time {
+                // once, however often the instruction reads it
+                self.last_use[value.index()] = RELEASED;
                 self.free.push(self.slots[value.index()]);
             }
         }

@@ -376,7 +376,7 @@ struct Named<'a>(&'a ValueForm, Value);
 impl fmt::Display for Named<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.0.source(self.1) {
-            Source::Constant(number) if number < 0.0 => write!(f, "({number:?})"),
+            Source::Constant(number) if number.is_sign_negative() => write!(f, "({number:?})"),
             Source::Constant(number) => write!(f, "{number:?}"),
             _ => self.1.fmt(f),
         }
@@ -397,8 +397,12 @@ impl fmt::Display for ValueForm {
                 Action::Op(op, operands) => self.fmt_op(f, op, operands, first)?,
                 Action::Call(number) => {
                     let (call, n) = (&self.calls[number], self.n_result_of(instruction) as u32);
-                    let last = Value(first.0 + n.max(1) - 1);
-                    writeln!(f, "{first} to {last} = call {number} ({})", Listed(self, &call.operands))?;
+                    let arguments = Listed(self, &call.operands);
+                    match n {
+                        0 => writeln!(f, "call {number} ({arguments})")?,
+                        1 => writeln!(f, "{first} = call {number} ({arguments})")?,
+                        n => writeln!(f, "{first} to {} = call {number} ({arguments})", Value(first.0 + n - 1))?,
+                    }
                 }
             }
         }

@@ -240,7 +240,7 @@ impl Text {
             }
             Flip { d, b, c } => format!("vpternlog{word} {},{},{},0x78", r(d), r(b), self.rm(c)),
             BlendBy { d, by, no, yes } => format!("vblendv{packed} {},{},{},{}", r(d), r(no), self.rm(yes), r(by)),
-            Call { number } => format!("call {number}"),
+            Call { .. } => unreachable!("in whole programs alone"),
         }
     }
 }
@@ -254,6 +254,28 @@ fn relation_name(relation: Relation) -> &'static str {
     }
 }
 
+/// A whole program of six arrays with a call: addresses, the call, the loop, the way back; a line each instruction.
+fn whole(shape: Shape) -> Vec<String> {
+    let bases = ["rax", "rcx", "rdx", "rsi", "r8", "r9", "r10", "r11"];
+    let offsets = [0, 8, 32, 40, 48, 56, 64, 72];
+    let load = || bases.iter().zip(offsets).map(|(base, at)| format!("mov {base},QWORD PTR [rdi+{at:#x}]"));
+    let mut text: Vec<String> = load().collect();
+    text.extend(["vzeroupper", "push rdi", "mov esi,0x7", "call QWORD PTR [rdi+0x10]", "pop rdi"].map(String::from));
+    text.extend(load());
+    if shape.width > 8 {
+        text.extend(offsets[2..].iter().map(|at| format!("add QWORD PTR [rdi+{at:#x}],{:#x}", shape.width)));
+        text.extend(["dec QWORD PTR [rdi+0x18]", "jne 0x0"].map(String::from));
+    }
+    text.extend(["vzeroupper", "ret"].map(String::from));
+    text
+}
+
+/// Its bytes.
+fn whole_bytes(shape: Shape) -> Vec<u8> {
+    let call = Allocated { instructions: vec![Instruction::Call { number: 7 }], pool: vec![], n_slot: 0 };
+    encode(&call, shape, &layout(), stride(shape), 2)
+}
+
 /// All forms of all shapes, a line each.
 fn all_forms() -> String {
     let mut text = String::new();
@@ -263,6 +285,8 @@ fn all_forms() -> String {
             let hex: String = bytes(instruction, shape).iter().map(|byte| format!("{byte:02x}")).collect();
             text += &format!("{hex} {}\n", Text(shape).of(&instruction));
         }
+        let hex: String = whole_bytes(shape).iter().map(|byte| format!("{byte:02x}")).collect();
+        text += &format!("# whole: {hex}\n");
     }
     text
 }
@@ -285,30 +309,34 @@ fn every_form_of_every_instruction_has_its_bytes() {
 #[test]
 #[ignore = "needs objdump: cargo test --lib a_disassembler_reads -- --ignored"]
 fn a_disassembler_reads_what_the_encoder_meant() {
-    let folder = tempfile::tempdir().unwrap();
-    let (file, forms) = (folder.path().join("code"), all_forms());
+    let forms = all_forms();
     let forms: Vec<(&str, &str)> =
         forms.lines().filter(|line| !line.starts_with('#')).map(|line| line.split_once(' ').unwrap()).collect();
     let byte = |hex: &str| u8::from_str_radix(hex, 16).unwrap();
     let code: Vec<u8> =
         forms.iter().flat_map(|(hex, _)| (0..hex.len() / 2).map(move |k| byte(&hex[2 * k..2 * k + 2]))).collect();
-    std::fs::write(&file, code).unwrap();
-    let arguments = ["-D", "-b", "binary", "-m", "i386:x86-64", "-M", "intel", "--no-show-raw-insn"];
-    let output = Command::new("objdump").args(arguments).arg(&file).output().unwrap();
-    let read: Vec<String> = String::from_utf8(output.stdout)
-        .unwrap()
-        .lines()
-        .filter_map(|line| {
-            let (address, text) = line.split_once(":\t")?;
-            address
-                .trim()
-                .chars()
-                .all(|c| c.is_ascii_hexdigit())
-                .then(|| text.split_whitespace().filter(|word| *word != "{evex}").collect::<Vec<_>>().join(" "))
-        })
-        .collect();
+    let read = disassembled(&code);
     for ((hex, meant), read) in forms.iter().zip(&read) {
         assert_eq!(meant, read, "{hex}");
     }
     assert_eq!(forms.len(), read.len(), "instructions");
+    for (name, shape) in SHAPES {
+        assert_eq!(disassembled(&whole_bytes(shape)), whole(shape), "{name}");
+    }
+}
+
+/// What objdump reads, an instruction each.
+fn disassembled(code: &[u8]) -> Vec<String> {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("code");
+    std::fs::write(&file, code).unwrap();
+    let arguments = ["-D", "-b", "binary", "-m", "i386:x86-64", "-M", "intel", "--no-show-raw-insn"];
+    let output = Command::new("objdump").args(arguments).arg(&file).output().unwrap();
+    let text = String::from_utf8(output.stdout).unwrap();
+    let instruction = |line: &str| {
+        let (address, text) = line.split_once(":\t")?;
+        let words = text.split_whitespace().filter(|word| *word != "{evex}").collect::<Vec<_>>().join(" ");
+        address.trim().chars().all(|c| c.is_ascii_hexdigit()).then_some(words)
+    };
+    text.lines().filter_map(instruction).collect()
 }

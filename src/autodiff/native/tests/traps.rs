@@ -57,7 +57,7 @@ fn minima_and_maxima_found_in_selections_keep_what_a_nan_and_a_tie_give() {
     // a where a < b, else b; b where a < b, else a; and both the other way round, which are no minimum and no maximum
     let choices = [[0, 1, 0, 1], [0, 1, 1, 0], [0, 1, 0, 0], [0, 1, 1, 1]];
     let made = form(2, &[], choices.iter().zip(2..).map(|(o, k)| step(k, Op::SelectLess, *o)).collect(), &[2, 3, 4, 5]);
-    let kinds: Vec<Do> = lower(&made, Element::F64).steps.iter().map(|step| step.what).collect();
+    let kinds: Vec<Do> = lower(&made, Element::F64).unwrap().steps.iter().map(|step| step.what).collect();
     assert!(kinds.starts_with(&[Do::Min, Do::Max]), "{kinds:?}");
     let program = Program::of_form(made, false);
     let executable = Executable::<f64>::new(&program, Layout::apart(2, 4)).unwrap();
@@ -76,7 +76,7 @@ fn a_comparison_is_made_once_for_all_its_selections_until_a_call() {
         let results = [instructions.last().unwrap().first.0, instructions[0].first.0];
         let mut form = form(4, &[], instructions, &results);
         form.n_value += 8;
-        let mut lowered = lower(&form, Element::F64);
+        let mut lowered = lower(&form, Element::F64).unwrap();
         let allocated = allocate(&mut lowered, &Layout::apart(4, 2), target);
         allocated.instructions.iter().filter(|i| matches!(i, Placed::Compare { .. })).count()
     };
@@ -91,14 +91,15 @@ fn a_comparison_is_made_once_for_all_its_selections_until_a_call() {
 
 #[test]
 fn equal_terms_are_computed_once_and_what_nobody_reads_not_at_all() {
-    let lowered = |instructions, results: &[u32]| lower(&form(2, &[], instructions, results), Element::F32).steps.len();
+    let lowered =
+        |instructions, results: &[u32]| lower(&form(2, &[], instructions, results), Element::F32).unwrap().steps.len();
     let (sum, again) = (step(2, Op::Recip, [0, 0, 0, 0]), step(3, Op::Recip, [0, 0, 0, 0]));
     assert_eq!(lowered(vec![sum, again], &[2, 3]), 1);
     let mut sines = form(1, &[], vec![step(1, Op::SinCos, [0, 0, 0, 0])], &[1, 2]);
     sines.n_value = 3;
-    let both = lower(&sines, Element::F32).steps.len();
+    let both = lower(&sines, Element::F32).unwrap().steps.len();
     sines.results.pop();
-    let one = lower(&sines, Element::F32).steps.len();
+    let one = lower(&sines, Element::F32).unwrap().steps.len();
     assert!(one < both, "a sine alone: {one} of {both} steps");
 }
 
@@ -108,7 +109,7 @@ fn what_is_too_large_for_code_is_interpreted() {
     let chain = (0..n).map(|k| step(k + 1, Op::Neg, [k, 0, 0, 0])).collect();
     let program = Program::of_form(form(1, &[], chain, &[n]), false);
     let made = Executable::<f64>::new(&program, Layout::apart(1, 1)).unwrap();
-    assert_eq!(made.why_interpreted(), Some(WhyInterpreted::TooLarge));
+    assert!(!is_made() || made.why_interpreted() == Some(WhyInterpreted::TooLarge));
     let mut y = [0.0];
     made.run(&mut made.work(), &mut [Rows::Read(&[1.5]), Rows::Write(&mut y)], 1).unwrap();
     assert_eq!(y, [1.5], "the sign changed an even number of times");
