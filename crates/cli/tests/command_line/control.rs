@@ -278,7 +278,7 @@ fn the_design_report_is_one_page_that_asks_for_nothing() {
     for mark in ["<script", "href", "src=", "url(", "@import", "<link", "<img"] {
         assert!(!page.contains(mark), "{mark}");
     }
-    assert_eq!((page.matches("<svg").count(), page.matches("<table>").count()), (3, page.matches("</table>").count()));
+    assert_eq!((page.matches("<svg").count(), page.matches("<table").count()), (3, page.matches("</table>").count()));
 }
 
 #[test]
