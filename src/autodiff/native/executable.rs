@@ -50,10 +50,11 @@ pub struct Work<R> {
 ///
 /// ```
 /// use omnidrones::autodiff::native::{Executable, Layout, Place, Rows};
-/// use omnidrones::autodiff::{Program, Recording};
+/// use omnidrones::autodiff::{Program, Recording, Scalar, Trace};
 ///
 /// // (x, v) of a falling stone, in place: x += v·0.1, v −= 0.981
-/// let recording = Recording::of(2, |z| vec![z[0] + z[1] * 0.1.into(), z[1] - 0.981.into()]);
+/// let c = Trace::constant;
+/// let recording = Recording::of(2, |z| vec![z[0] + z[1] * c(0.1), z[1] - c(0.981)]);
 /// let rows = vec![Place { array: 0, row: 0 }, Place { array: 0, row: 1 }];
 /// let fall = Executable::new(&Program::compile(&recording)?, Layout::new(rows.clone(), rows)?)?;
 /// let (mut state, mut work) = ([10.0, 0.0], fall.work());
@@ -61,7 +62,7 @@ pub struct Work<R> {
 ///     fall.run(&mut work, &mut [Rows::Write(&mut state)], 1)?;
 /// }
 /// assert_eq!(state, [10.0 - 0.981 * 0.1, -0.981 - 0.981]);
-/// # Ok::<(), omnidrones::Error>(())
+/// # Ok::<(), omnidrones::error::Error>(())
 /// ```
 #[derive(Debug, Clone)]
 pub struct Executable<R> {

@@ -178,7 +178,7 @@ pub struct CallOf {
 ///      v4 = v0·v1 + v3\n\
 ///      results: v4, v2\n",
 /// );
-/// # Ok::<(), omnidrones::Error>(())
+/// # Ok::<(), omnidrones::error::Error>(())
 /// ```
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub struct ValueForm {
