@@ -161,13 +161,18 @@ def test_a_forked_child_steps_its_own_batch_and_an_inherited_one(threads):
 
 def _interrupted(code):
     """What a process that runs `code` says when it is interrupted behind its line "go"."""
-    program = textwrap.dedent(code)
+    # heard also where those who started the tests had it ignored, as a shell's jobs in the background have
+    hears = "import signal\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
+    program = hears + textwrap.dedent(code)
     child = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert child.stdout.readline().strip() == "go", child.stderr.read()
     time.sleep(0.3)
     child.send_signal(signal.SIGINT)
     began = time.monotonic()
-    out, err = child.communicate(timeout=30)
+    try:
+        out, err = child.communicate(timeout=30)
+    finally:
+        child.kill()
     assert "panicked" not in err
     return out.strip(), time.monotonic() - began
 
