@@ -12,6 +12,10 @@
 //! [says why](Executable::why_interpreted).
 
 mod layout;
+#[cfg_attr(
+    not(all(target_arch = "x86_64", target_os = "linux", not(miri))),
+    allow(dead_code, reason = "no code is made there")
+)]
 mod lower;
 
 #[cfg(all(target_arch = "x86_64", target_os = "linux", not(miri)))]
