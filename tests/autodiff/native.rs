@@ -1,7 +1,7 @@
 //! Machine code of everything that is recorded has the interpreter's bits.
 
 use crate::common::{cases, input, state, stream};
-use omnidrones::autodiff::native::{Executable, Layout, Rows, availability};
+use omnidrones::autodiff::native::{Executable, Layout, Rows, WhyInterpreted, availability};
 use omnidrones::autodiff::program::BLOCK;
 use omnidrones::autodiff::{Program, Recording, Scalar, System, Trace};
 use omnidrones::dynamics::tree::Multibody;
@@ -57,7 +57,10 @@ fn compare(name: &str, program: &Program, point: &[f64], seed: u64) {
             assert!(same32(native, interpreted), "{name}: {n_env} lanes, lane {l}, result {k}: {native} {interpreted}");
         }
     }
-    assert!(availability().is_err() || lanes.is_native() && eight.is_native(), "{name}: {:?}", lanes.why_interpreted());
+    // a Jacobian of six drones and a platform by RK4 has over a million steps in f64
+    for why in [lanes.why_interpreted(), eight.why_interpreted()] {
+        assert!(availability().is_err() || matches!(why, None | Some(WhyInterpreted::TooLarge)), "{name}: {why:?}");
+    }
 }
 
 /// A step, its adjoint and its Jacobian.
