@@ -9,8 +9,9 @@
 //! | `lanes`, `columns`, `unrolled` | SIMD registers as scalars, chosen at run time; where their numbers stand; loops over components |
 //! | [`custom`] | functions with a derivative of their own, for solvers inside kernels |
 //! | [`native`] | machine code of programs, made at run time |
-//! | `trace`, [`program`] | recording scalar; compiled programs and derived adjoints |
+//! | `trace`, [`program`] | recording scalar, functions of recordings, derived adjoints; compiled programs |
 //! | `sweep` | the chain rule of a recording, backwards for all results at once |
+//! | `once` | what is made when it is first asked for |
 //! | `system` | what is differentiated: x⁺ = f(x, u, θ), costs |
 //! | [`derivative`] | Jacobians of one step, by duals and compiled |
 //! | [`rollout`] | gradients through whole rollouts, reverse and forward |
@@ -28,6 +29,7 @@ pub(crate) mod dual;
 pub mod jet;
 pub(crate) mod lanes;
 pub mod native;
+pub(crate) mod once;
 pub(crate) mod polynomials;
 pub mod program;
 pub mod rollout;

@@ -7,12 +7,14 @@
 //! shared by all of them. Calls of custom functions stand between runs of instructions, which know nothing of them.
 
 mod block;
+mod inline;
 mod plan;
 mod runs;
 mod slots;
 mod value;
 
-pub use self::value::{Action, CallOf, Instruction, Op, Source, Split, Value, ValueForm};
+pub(crate) use self::value::Tape;
+pub use self::value::{Action, CallOf, Callee, Instruction, Op, Source, Split, Value, ValueForm};
 pub use super::columns::BLOCK;
 
 use self::runs::{Neutral, Run};
@@ -20,10 +22,11 @@ use super::columns::{Columns, LINE, Lines};
 use super::custom::{Operation, Scratch};
 use super::lanes::dispatch;
 use super::native::{self, Code, Layout, Row, Rows, WhyInterpreted, availability, in_standard_modes};
+use super::once::made_once;
 use super::scalar::Scalar;
 use super::trace::Recording;
 use crate::error::{Error, Result};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, OnceLock};
 
 /// Slots of a small workspace: 32 KiB.
 const FEW_SLOTS: usize = 1 << 12;
@@ -46,38 +49,70 @@ struct Placed {
     d: u32,
 }
 
-/// A custom function of slots, made when the instructions before it are done.
+/// What a call of the interpreter calls.
+#[derive(Debug, Clone)]
+enum Called {
+    Custom(Operation),
+    /// By its number in [`Interpreter::functions`].
+    Function(usize),
+}
+
+/// A function of slots, made when the instructions before it are done.
 #[derive(Debug, Clone)]
 struct Call {
     /// How many those are.
     after: usize,
-    operation: Operation,
+    called: Called,
     inputs: Vec<u32>,
     /// (slot, result), for the results that matter.
     outputs: Vec<(u32, u32)>,
+}
+
+/// A function over slots that no other writes.
+#[derive(Debug, Clone)]
+struct Body {
+    /// Instructions, grouped: before the first call, between the first and the second, and so on.
+    runs: Vec<Vec<Run>>,
+    /// In the order they are made.
+    calls: Vec<Call>,
+    /// (slot, input), for the inputs that matter.
+    inputs: Vec<(u32, u32)>,
+    outputs: Vec<u32>,
 }
 
 /// A program over slots.
 #[derive(Debug, Clone)]
 struct Interpreter {
     n_slot: usize,
-    /// Instructions, grouped: before the first call, between the first and the second, and so on.
-    runs: Vec<Vec<Run>>,
+    body: Body,
+    functions: Vec<Body>,
     neutral: Neutral,
-    /// In the order they are made.
-    calls: Vec<Call>,
     /// (slot, value), never overwritten.
     constants: Vec<(u32, f64)>,
-    /// (slot, input), for the inputs that matter.
-    inputs: Vec<(u32, u32)>,
-    outputs: Vec<u32>,
+}
+
+impl Interpreter {
+    /// Slots from which a called function's inputs are read, and where they are put.
+    fn inputs_of<'a>(&self, function: &'a Body, call: &'a Call) -> impl Iterator<Item = (u32, u32)> + 'a {
+        function.inputs.iter().map(|&(slot, k)| (call.inputs[k as usize], slot))
+    }
+
+    /// Slots in which a called function leaves its results, and where they are put.
+    fn outputs_of<'a>(&self, function: &'a Body, call: &'a Call) -> impl Iterator<Item = (u32, u32)> + 'a {
+        call.outputs.iter().map(|&(slot, k)| (function.outputs[k as usize], slot))
+    }
 }
 
 /// A compiled recording.
 #[derive(Debug, Clone)]
 pub struct Program {
     form: Arc<ValueForm>,
-    interpreter: Arc<Interpreter>,
+    /// As code is made of it: some functions are put where they are called.
+    arranged: Arc<ValueForm>,
+    /// Made when somebody interprets.
+    interpreter: Arc<OnceLock<Interpreter>>,
+    /// For one evaluation at a time.
+    scheduled: bool,
     codes: Arc<Codes>,
 }
 
@@ -143,7 +178,7 @@ struct NativeSlots {
 
 impl NativeSlots {
     fn run<R: Row>(&mut self, program: &Program, arrays: &mut [Rows<'_, R>], n: usize) {
-        let is_own = Arc::ptr_eq(&self.form, &program.form) || self.form == program.form;
+        let is_own = Arc::ptr_eq(&self.form, &program.arranged) || self.form == program.arranged;
         assert!(is_own && self.code.run(&mut self.slots, arrays, n), "slots of the program");
     }
 }
@@ -167,19 +202,31 @@ impl Program {
     }
 
     fn compiled(recording: &Recording, scheduled: bool) -> Result<Self> {
-        let recording = recording.attached();
         // a sine alone has its cosine beside it
         let n_value = recording.n_input + 2 * recording.nodes.len();
         if n_value > MAX_VALUES {
             let remedy = "Record a smaller function: one step instead of a rollout.";
             return Err(Error::limit("number of values of a program", n_value, MAX_VALUES, remedy));
         }
-        Ok(Self::of_form(plan::Planner::new(&recording).run(), scheduled))
+        Ok(Self::of_form(ValueForm::of(recording), scheduled))
     }
 
     pub(crate) fn of_form(form: ValueForm, scheduled: bool) -> Self {
-        let interpreter = slots::interpreter(&form, scheduled);
-        Self { form: Arc::new(form), interpreter: Arc::new(interpreter), codes: Arc::default() }
+        let form = Arc::new(form);
+        let arranged = inline::with_long_functions(&form);
+        Self { form, arranged, interpreter: Arc::default(), scheduled, codes: Arc::default() }
+    }
+
+    /// With every call as the form has it.
+    #[cfg(test)]
+    pub(crate) fn of_calls(form: ValueForm) -> Self {
+        let form = Arc::new(form);
+        let interpreter = Arc::new(OnceLock::from(slots::interpreter(&form, false)));
+        Self { arranged: form.clone(), form, interpreter, scheduled: false, codes: Arc::default() }
+    }
+
+    fn interpreter(&self) -> &Interpreter {
+        made_once(&self.interpreter, || slots::interpreter(&inline::with_few_calls(&self.form), self.scheduled))
     }
 
     /// The program as values: what it computes, in an order, with fusions decided.
@@ -187,9 +234,9 @@ impl Program {
         &self.form
     }
 
-    /// The same, to share.
-    pub(crate) fn form(&self) -> &Arc<ValueForm> {
-        &self.form
+    /// As code is made of it: functions that are short, or called once, stand where they are called, and equal terms are one.
+    pub(crate) fn arranged(&self) -> &Arc<ValueForm> {
+        &self.arranged
     }
 
     /// Whether [`evaluate_block`](Self::evaluate_block) runs machine code instead of the interpreter: the same bits, several times as
@@ -205,13 +252,13 @@ impl Program {
 
     fn native_slots<R: Row>(&self, place: &Mutex<Option<Code>>) -> std::result::Result<NativeSlots, WhyInterpreted> {
         let code = self.code::<R>(place)?;
-        Ok(NativeSlots { slots: code.slots(), code, form: self.form.clone() })
+        Ok(NativeSlots { slots: code.slots(), code, form: self.arranged.clone() })
     }
 
     /// Machine code for rows of a kind, kept at `place`.
     fn code<R: Row>(&self, place: &Mutex<Option<Code>>) -> std::result::Result<Code, WhyInterpreted> {
         availability()?;
-        let make = || native::code::<R>(&self.form, &Layout::apart(self.n_input(), self.n_output()));
+        let make = || native::code::<R>(&self.arranged, &Layout::apart(self.n_input(), self.n_output()));
         let Ok(mut place) = place.try_lock() else { return make() };
         if place.is_none() {
             *place = Some(make()?);
@@ -241,7 +288,7 @@ impl Program {
 
     /// Number of slots: values alive at once, with constants.
     pub fn n_slot(&self) -> usize {
-        self.interpreter.n_slot
+        self.interpreter().n_slot
     }
 
     /// Scratch for [`Program::evaluate`]. The first one makes its machine code: about half a microsecond an instruction.
@@ -254,7 +301,7 @@ impl Program {
 
     /// Scratch with which [`Program::evaluate`] interprets, whether there is machine code or not.
     pub fn interpreter_workspace(&self) -> Workspace {
-        if self.interpreter.neutral.n_slot() > FEW_SLOTS {
+        if self.interpreter().neutral.n_slot() > FEW_SLOTS {
             return self.roomy_workspace();
         }
         let mut slots = Box::new([0.0; FEW_SLOTS]);
@@ -266,7 +313,7 @@ impl Program {
     /// for the slots in use.
     pub(crate) fn roomy_workspace(&self) -> Workspace {
         // from the allocator's zeros, which are not written
-        let n_slot = self.interpreter.neutral.n_slot().max(MANY_SLOTS);
+        let n_slot = self.interpreter().neutral.n_slot().max(MANY_SLOTS);
         let mut zeros: Box<[f64]> = vec![0.0; n_slot].into_boxed_slice();
         self.write_constants(&mut zeros);
         let slots = zeros.try_into().map_or_else(|all: Box<[f64]>| Slots::All(all.into_vec()), Slots::Many);
@@ -281,7 +328,7 @@ impl Program {
 
     /// (slot, value) of the slots that no instruction writes.
     fn fixed_slots(&self) -> impl Iterator<Item = (u32, f64)> + '_ {
-        self.interpreter.constants.iter().copied().chain(self.interpreter.neutral.values())
+        self.interpreter().constants.iter().copied().chain(self.interpreter().neutral.values())
     }
 
     /// Scratch for [`Program::evaluate_block`]. The first one makes its machine code, as [`Program::workspace`] does.
@@ -294,7 +341,7 @@ impl Program {
 
     /// Scratch with which [`Program::evaluate_block`] interprets, whether there is machine code or not.
     pub fn interpreter_block_workspace(&self) -> BlockWorkspace {
-        let mut slots = Columns::zeros(self.interpreter.neutral.n_slot());
+        let mut slots = Columns::zeros(self.interpreter().neutral.n_slot());
         in_standard_modes(|| {
             for (slot, value) in self.fixed_slots() {
                 slots[slot as usize] = [value as f32; BLOCK];
@@ -305,7 +352,12 @@ impl Program {
 
     /// Arguments and results of one call at a time.
     fn scratch(&self) -> Vec<f64> {
-        let sizes = self.form.calls.iter().map(|call| call.operation.n_input() + call.operation.n_output());
+        let Interpreter { body, functions, .. } = self.interpreter();
+        let calls = functions.iter().chain([body]).flat_map(|body| &body.calls);
+        let sizes = calls.map(|call| match &call.called {
+            Called::Custom(operation) => operation.n_input() + operation.n_output(),
+            Called::Function(_) => 0,
+        });
         vec![0.0; sizes.max().unwrap_or(0)]
     }
 
@@ -321,7 +373,7 @@ impl Program {
             return native.run(self, &mut [Rows::Read(inputs), Rows::Write(outputs)], 1);
         }
         let slots = self.evaluate_inside(workspace, inputs);
-        for (output, slot) in outputs.iter_mut().zip(&self.interpreter.outputs) {
+        for (output, slot) in outputs.iter_mut().zip(&self.interpreter().body.outputs) {
             *output = slots[*slot as usize];
         }
     }
@@ -332,21 +384,21 @@ impl Program {
         let Workspace { slots, scratch } = workspace;
         in_standard_modes(|| match slots {
             Slots::Native(..) => panic!("slots of the program"),
-            Slots::Few(slots) => self.interpreter.run(&mut **slots, scratch, inputs),
-            Slots::Many(slots) => self.interpreter.run(&mut **slots, scratch, inputs),
-            Slots::All(slots) => self.interpreter.run(slots, scratch, inputs),
+            Slots::Few(slots) => self.interpreter().run(&mut **slots, scratch, inputs),
+            Slots::Many(slots) => self.interpreter().run(&mut **slots, scratch, inputs),
+            Slots::All(slots) => self.interpreter().run(slots, scratch, inputs),
         });
         workspace.slots()
     }
 
     /// The slot of result `k`.
     pub(crate) fn place(&self, k: usize) -> u32 {
-        self.interpreter.outputs[k]
+        self.interpreter().body.outputs[k]
     }
 
     /// Slots for [`Program::evaluate_steps`].
     pub(crate) fn step_slots(&self) -> Lines {
-        let mut slots = Lines::zeros(self.interpreter.neutral.n_slot());
+        let mut slots = Lines::zeros(self.interpreter().neutral.n_slot());
         for (slot, value) in self.fixed_slots() {
             slots[slot as usize] = [value; LINE];
         }
@@ -356,19 +408,12 @@ impl Program {
     /// Eight evaluations side by side, each to the bits of [`Program::evaluate`]: `inputs[k]` holds input k of each, and
     /// result k stays in the slot [`place(k)`](Self::place). Calls are made for the first `n`.
     pub(crate) fn evaluate_steps(&self, n: usize, slots: &mut Lines, inputs: &[[f64; LINE]]) {
-        let Interpreter { runs, calls, inputs: read, .. } = &*self.interpreter;
+        let interpreter = self.interpreter();
         assert_eq!(inputs.len(), self.n_input(), "inputs of the program");
-        for &(slot, k) in read {
+        for &(slot, k) in &interpreter.body.inputs {
             slots[slot as usize] = inputs[k as usize];
         }
-        in_standard_modes(|| {
-            for (k, between) in runs.iter().enumerate() {
-                runs::run_steps(between, slots);
-                if let Some(call) = calls.get(k) {
-                    call.run_steps(n, slots);
-                }
-            }
-        });
+        in_standard_modes(|| interpreter.run_steps(&interpreter.body, n, slots));
     }
 
     /// `outputs = f(inputs)` over any scalar; over duals the derivative along their directions, without another compiled
@@ -379,29 +424,7 @@ impl Program {
     pub fn evaluate_over<S: Scalar>(&self, inputs: &[S], outputs: &mut [S]) {
         assert_eq!(inputs.len(), self.n_input(), "inputs of the program");
         assert_eq!(outputs.len(), self.n_output(), "outputs of the program");
-        let form = &*self.form;
-        let constants = form.constants().map(S::constant);
-        let mut values: Vec<S> = inputs.iter().copied().chain(constants).collect();
-        values.reserve_exact(form.n_value() - values.len());
-        for instruction in form.instructions() {
-            match instruction.action {
-                Action::Op(Op::SinCos, [a, ..]) => values.extend(<[S; 2]>::from(values[a.index()].sin_cos())),
-                Action::Op(op, operands) => {
-                    let [a, b, c, d] = operands.map(|value| values[value.index()]);
-                    values.push(apply(op, a, b, c, d));
-                }
-                Action::Call(number) => {
-                    let CallOf { operation, operands } = &form.calls()[number];
-                    let x: Vec<S> = operands.iter().map(|value| values[value.index()]).collect();
-                    let mut y = vec![S::zero(); operation.n_output()];
-                    S::call(operation, &x, &mut y);
-                    values.extend(y);
-                }
-            }
-        }
-        for (output, value) in outputs.iter_mut().zip(form.results()) {
-            *output = values[value.index()];
-        }
+        self.form.evaluate_over(inputs, outputs);
     }
 
     /// [`BLOCK`] evaluations side by side in `f32` lanes: `inputs[k]` and `outputs[k]` hold the k-th number of each
@@ -441,31 +464,61 @@ impl Program {
     }
 }
 
+impl ValueForm {
+    fn evaluate_over<S: Scalar>(&self, inputs: &[S], outputs: &mut [S]) {
+        let constants = self.constants().map(S::constant);
+        let mut values: Vec<S> = inputs.iter().copied().chain(constants).collect();
+        values.reserve_exact(self.n_value() - values.len());
+        for instruction in self.instructions() {
+            match instruction.action {
+                Action::Op(Op::SinCos, [a, ..]) => values.extend(<[S; 2]>::from(values[a.index()].sin_cos())),
+                Action::Op(op, operands) => {
+                    let [a, b, c, d] = operands.map(|value| values[value.index()]);
+                    values.push(apply(op, a, b, c, d));
+                }
+                Action::Call(number) => {
+                    let CallOf { callee, operands } = &self.calls()[number];
+                    let x: Vec<S> = operands.iter().map(|value| values[value.index()]).collect();
+                    let mut y = vec![S::zero(); callee.n_output()];
+                    match callee {
+                        Callee::Custom(operation) => S::call(operation, &x, &mut y),
+                        Callee::Function(form) => form.evaluate_over(&x, &mut y),
+                    }
+                    values.extend(y);
+                }
+            }
+        }
+        for (output, value) in outputs.iter_mut().zip(self.results()) {
+            *output = values[value.index()];
+        }
+    }
+}
+
 impl Call {
-    /// Arguments are read before results are written: they may share slots.
+    /// A custom function. Arguments are read before results are written: they may share slots.
     #[inline(never)]
-    fn run(&self, slots: &mut impl Storage, scratch: &mut [f64]) {
-        let (n, m) = (self.inputs.len(), self.operation.n_output());
+    fn run(&self, operation: &Operation, slots: &mut impl Storage, scratch: &mut [f64]) {
+        let (n, m) = (self.inputs.len(), operation.n_output());
         let (x, y) = scratch[..n + m].split_at_mut(n);
         for (x, slot) in x.iter_mut().zip(&self.inputs) {
             *x = slots.get(*slot);
         }
-        self.operation.function().value(x, y);
+        operation.function().value(x, y);
         for &(slot, k) in &self.outputs {
             slots.set(slot, y[k as usize]);
         }
     }
 
-    /// Step by step.
-    fn run_steps(&self, n_step: usize, slots: &mut [[f64; LINE]]) {
+    /// A custom function, step by step.
+    fn run_steps(&self, operation: &Operation, n_step: usize, slots: &mut [[f64; LINE]]) {
         let n = self.inputs.len();
         let mut scratch = Scratch::<f64, 256>::new();
-        let (x, y) = scratch.of(n + self.operation.n_output()).split_at_mut(n);
+        let (x, y) = scratch.of(n + operation.n_output()).split_at_mut(n);
         for step in 0..n_step {
             for (x, slot) in x.iter_mut().zip(&self.inputs) {
                 *x = slots[*slot as usize][step];
             }
-            self.operation.function().value(x, y);
+            operation.function().value(x, y);
             for &(slot, k) in &self.outputs {
                 slots[slot as usize][step] = y[k as usize];
             }
@@ -474,16 +527,45 @@ impl Call {
 }
 
 impl Interpreter {
-    /// In `f64`: instructions up to each call, the call, and so on.
+    /// In `f64`.
     fn run(&self, slots: &mut impl Storage, scratch: &mut [f64], inputs: &[f64]) {
         assert!(slots.len() >= self.neutral.n_slot(), "slots of the program");
-        for &(slot, k) in &self.inputs {
+        for &(slot, k) in &self.body.inputs {
             slots.set(slot, inputs[k as usize]);
         }
-        for (k, between) in self.runs.iter().enumerate() {
+        self.run_body(&self.body, slots, scratch);
+    }
+
+    /// Instructions up to each call, the call, and so on.
+    fn run_body(&self, body: &Body, slots: &mut impl Storage, scratch: &mut [f64]) {
+        for (k, between) in body.runs.iter().enumerate() {
             runs::run(between, slots);
-            if let Some(call) = self.calls.get(k) {
-                call.run(slots, scratch);
+            match body.calls.get(k).map(|call| (call, &call.called)) {
+                None => {}
+                Some((call, Called::Custom(operation))) => call.run(operation, slots, scratch),
+                Some((call, Called::Function(number))) => {
+                    let function = &self.functions[*number];
+                    self.inputs_of(function, call).for_each(|(from, to)| slots.set(to, slots.get(from)));
+                    self.run_body(function, slots, scratch);
+                    self.outputs_of(function, call).for_each(|(from, to)| slots.set(to, slots.get(from)));
+                }
+            }
+        }
+    }
+
+    /// Of eight steps, with custom functions for the first `n`.
+    fn run_steps(&self, body: &Body, n: usize, slots: &mut Lines) {
+        for (k, between) in body.runs.iter().enumerate() {
+            runs::run_steps(between, slots);
+            match body.calls.get(k).map(|call| (call, &call.called)) {
+                None => {}
+                Some((call, Called::Custom(operation))) => call.run_steps(operation, n, slots),
+                Some((call, Called::Function(number))) => {
+                    let function = &self.functions[*number];
+                    self.inputs_of(function, call).for_each(|(from, to)| slots[to as usize] = slots[from as usize]);
+                    self.run_steps(function, n, slots);
+                    self.outputs_of(function, call).for_each(|(from, to)| slots[to as usize] = slots[from as usize]);
+                }
             }
         }
     }

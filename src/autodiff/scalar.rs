@@ -102,6 +102,40 @@ pub trait Scalar:
     /// checks them.
     fn call(operation: &Operation, inputs: &[Self], outputs: &mut [Self]);
 
+    /// `outputs` = what `body` makes of them. In a recording it becomes a function: parts of a kernel that do the same to as many
+    /// numbers are recorded once and called, so a program of many bodies, stages or steps stays small. Nothing else changes but
+    /// the order in which adjoints are summed, and which products are fused in lanes: fusions are decided inside.
+    ///
+    /// ```
+    /// use omnidrones::autodiff::{Program, Recording, Scalar};
+    ///
+    /// fn oscillation<S: Scalar>(x: &[S]) -> Vec<S> {
+    ///     let mut state = x.to_vec();
+    ///     for _ in 0..1000 {
+    ///         S::function(&mut state, |state| {
+    ///             for _ in 0..10 {
+    ///                 state[1] = state[1] - state[0].sin_cos().0 * S::constant(1e-3);
+    ///                 state[0] = state[0] + state[1] * S::constant(1e-3);
+    ///             }
+    ///         });
+    ///     }
+    ///     state
+    /// }
+    /// assert_eq!(Program::compile(&Recording::of(2, oscillation))?.value_form().calls().len(), 1000);
+    /// # Ok::<(), omnidrones::error::Error>(())
+    /// ```
+    fn function(outputs: &mut [Self], body: impl FnOnce(&mut [Self])) {
+        Self::begin_function();
+        body(outputs);
+        Self::end_function(outputs);
+    }
+    /// What follows, up to [`end_function`](Self::end_function), becomes a function of a recording, as in
+    /// [`function`](Self::function). Kernels of lanes are written so: a closure costs them their instructions.
+    #[inline(always)]
+    fn begin_function() {}
+    /// The function that was begun last ends here: `outputs` are its results. Other numbers made in it may not be read.
+    #[inline(always)]
+    fn end_function(_outputs: &mut [Self]) {}
     /// `self · a + b`: fused in lanes where the processor has it, two roundings elsewhere.
     #[inline(always)]
     fn mul_add(self, a: Self, b: Self) -> Self {

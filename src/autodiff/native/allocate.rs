@@ -5,8 +5,10 @@
 //! later than it is, else the instruction reads it where it lies.
 
 use super::layout::{Layout, Place};
-use super::lower::{Do, Lowered, Of, Operand, Step};
+use super::lower::{Callee, Do, Lowered, Of, Operand, Step};
+use crate::autodiff::program::Tape;
 use std::collections::HashMap;
+use std::ops::Range;
 
 /// A register of numbers.
 pub(super) type Reg = u8;
@@ -14,11 +16,15 @@ pub(super) type Reg = u8;
 /// A place in memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(super) enum Mem {
-    /// By its place in the pool, see [`Allocated::pool`].
+    /// By its place in [`Allocated::constants`].
     Constant(u32),
     Slot(u32),
-    /// Where arguments and results of calls stand.
+    /// Where arguments and results of calls of custom functions stand.
     Call(u32),
+    /// Where arguments, then results of the function of the first number stand, but for those on a tape.
+    Passed(u32, u32),
+    /// Where a function has its tape.
+    Tape(u32),
     Row(Place),
 }
 
@@ -147,10 +153,43 @@ pub(super) enum Instruction {
         no: Reg,
         yes: Rm,
     },
-    /// Arguments and results stand where calls have them.
+    /// A call of a custom function. Arguments and results stand where such calls have them.
     Call {
         number: u32,
     },
+    /// A call of a function of the program, by its number.
+    Invoke {
+        function: u32,
+        tape: Option<TapeAt>,
+    },
+}
+
+/// Where a tape that a function is given begins.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum TapeAt {
+    /// At a slot of the caller.
+    Slot(u32),
+    /// At a number of the caller's own tape.
+    Own(u32),
+}
+
+impl TapeAt {
+    fn mem(self, k: u32) -> Mem {
+        match self {
+            Self::Slot(first) => Mem::Slot(first + k),
+            Self::Own(first) => Mem::Tape(first + k),
+        }
+    }
+
+    /// Where a tape begins whose numbers lie so.
+    fn of(mut places: impl Iterator<Item = Option<Mem>>) -> Option<Self> {
+        let first = match places.next()?? {
+            Mem::Slot(first) => Self::Slot(first),
+            Mem::Tape(first) => Self::Own(first),
+            _ => return None,
+        };
+        places.zip(1..).all(|(place, k)| place == Some(first.mem(k))).then_some(first)
+    }
 }
 
 /// What a processor has.
@@ -167,9 +206,11 @@ pub(super) struct Target {
 #[derive(Debug, Clone)]
 pub(super) struct Allocated {
     pub(super) instructions: Vec<Instruction>,
-    /// Bits of the constants, most used first.
-    pub(super) pool: Vec<u64>,
+    /// Constants, and how often each is read.
+    pub(super) constants: Vec<(u64, u32)>,
     pub(super) n_slot: usize,
+    /// Calls, of whatever functions.
+    pub(super) n_call: u32,
 }
 
 const NOWHERE: Reg = Reg::MAX;
@@ -186,6 +227,7 @@ type Held = (u32, u32, bool);
 
 struct Allocator<'a> {
     lowered: &'a Lowered,
+    functions: Functions<'a>,
     target: Target,
     n_input: usize,
     first_step: usize,
@@ -210,29 +252,106 @@ struct Allocator<'a> {
     n_slot: u32,
     masks: [Option<Held>; N_MASK],
     next_mask: usize,
+    /// The function that was called last, where it was none of the custom ones, and its tape.
+    last_called: Option<(u32, Option<TapeAt>)>,
+    /// Values that stand where a function left them.
+    passed: Vec<usize>,
     out: Vec<Instruction>,
 }
 
 /// A result that is stored behind all steps.
 struct Late {
     value: Operand,
-    place: Place,
+    place: Mem,
 }
 
-/// Gives registers to a program whose arguments and results lie as `layout` says.
-pub(super) fn allocate(lowered: &mut Lowered, layout: &Layout, target: Target) -> Allocated {
-    protect_arguments(lowered, layout);
-    let (stores, late) = order_of_stores(lowered, layout);
-    Allocator::new(lowered, layout, target, &late).run(&stores, &late)
+/// Where arguments and results lie.
+pub(super) struct Ends {
+    arguments: Vec<Mem>,
+    results: Vec<Mem>,
+}
+
+impl Ends {
+    fn of_layout(layout: &Layout) -> Self {
+        let rows = |places: &[Place]| places.iter().map(|place| Mem::Row(*place)).collect();
+        Self { arguments: rows(layout.arguments()), results: rows(layout.results()) }
+    }
+
+    fn of_function(number: u32, lowered: &Lowered) -> Self {
+        let n = (lowered.n_input - lowered.tape.n_input()) as u32;
+        let all = lowered.n_passed() as u32;
+        let places = |range: Range<u32>, n_tape: usize| {
+            range.map(|k| Mem::Passed(number, k)).chain((0..n_tape as u32).map(Mem::Tape)).collect()
+        };
+        Self { arguments: places(0..n, lowered.tape.n_input()), results: places(n..all, lowered.tape.n_result()) }
+    }
+}
+
+/// Gives registers to a program, whose arguments and results lie as `layout` says, and to its functions behind it.
+pub(super) fn allocate(lowered: &mut [Lowered], layout: &Layout, target: Target) -> Vec<Allocated> {
+    let signatures: Vec<Signature> = lowered[1..].iter().map(Signature::of).collect();
+    let reach = reach(lowered);
+    let all = lowered.iter_mut().zip(0_u32..);
+    all.map(|(lowered, k)| {
+        let ends = match k.checked_sub(1) {
+            None => Ends::of_layout(layout),
+            Some(number) => Ends::of_function(number, lowered),
+        };
+        protect_arguments(lowered, &ends);
+        let (stores, late) = order_of_stores(lowered, &ends);
+        let functions = Functions { signatures: &signatures, reach: &reach };
+        Allocator::new(lowered, functions, &ends, target, &late).run(&stores, &late)
+    })
+    .collect()
+}
+
+/// The functions of a program, by their numbers.
+#[derive(Clone, Copy)]
+struct Functions<'a> {
+    signatures: &'a [Signature],
+    /// Which functions run when one is called.
+    reach: &'a [Vec<bool>],
+}
+
+/// How many numbers a function takes and gives, but for those on its tape.
+#[derive(Debug, Clone, Copy)]
+struct Signature {
+    n_argument: usize,
+    n_result: usize,
+    tape: Tape,
+}
+
+impl Signature {
+    fn of(lowered: &Lowered) -> Self {
+        let tape = lowered.tape;
+        Self { n_argument: lowered.n_input - tape.n_input(), n_result: lowered.results.len() - tape.n_result(), tape }
+    }
+}
+
+/// Callers stand before those that they call.
+fn reach(lowered: &[Lowered]) -> Vec<Vec<bool>> {
+    let n = lowered.len() - 1;
+    let mut reach = vec![vec![false; n]; n];
+    for k in (0..n).rev() {
+        reach[k][k] = true;
+        for call in &lowered[k + 1].calls {
+            if let Callee::Function(other, _) = call.callee {
+                for i in 0..n {
+                    reach[k][i] |= reach[other as usize][i];
+                }
+            }
+        }
+    }
+    reach
 }
 
 /// Arguments that are results as they are, in a place that another result is written to, are copied first.
-fn protect_arguments(lowered: &mut Lowered, layout: &Layout) {
-    let written: HashMap<Place, usize> = layout.results().iter().copied().zip(0..).collect();
+fn protect_arguments(lowered: &mut Lowered, ends: &Ends) {
+    let written: HashMap<Mem, usize> = ends.results.iter().copied().zip(0..).collect();
     let mut copies: HashMap<usize, Operand> = HashMap::new();
     for k in 0..lowered.results.len() {
         if let Of::Input(input) = lowered.results[k].of()
-            && written.get(&layout.arguments()[input]).is_some_and(|by| *by != k)
+            && written.get(&ends.arguments[input]).is_some_and(|by| *by != k)
         {
             let steps = &mut lowered.steps;
             lowered.results[k] = *copies.entry(input).or_insert_with(|| {
@@ -245,25 +364,25 @@ fn protect_arguments(lowered: &mut Lowered, layout: &Layout) {
 
 /// Results by the step that they are stored behind, and those that wait for the end: what is no step, and what is written over an
 /// argument that is read later.
-fn order_of_stores(lowered: &Lowered, layout: &Layout) -> (HashMap<usize, Vec<Place>>, Vec<Late>) {
-    let mut read_last: HashMap<Place, usize> = HashMap::new();
+fn order_of_stores(lowered: &Lowered, ends: &Ends) -> (HashMap<usize, Vec<Mem>>, Vec<Late>) {
+    let mut read_last: HashMap<Mem, usize> = HashMap::new();
     for (time, step) in lowered.steps.iter().enumerate() {
         let called: &[Operand] =
             if let Do::Call(number) = step.what { &lowered.calls[number as usize].operands } else { &[] };
         for operand in step.operands().iter().chain(called) {
             if let Of::Input(k) = operand.of() {
-                read_last.insert(layout.arguments()[k], time);
+                read_last.insert(ends.arguments[k], time);
             }
         }
     }
-    let (mut stores, mut late) = (HashMap::<usize, Vec<Place>>::new(), Vec::new());
-    for (value, place) in lowered.results.iter().zip(layout.results()) {
+    let (mut stores, mut late) = (HashMap::<usize, Vec<Mem>>::new(), Vec::new());
+    for (value, place) in lowered.results.iter().zip(&ends.results) {
         match value.of() {
             Of::Step(k) if read_last.get(place).is_none_or(|last| *last <= k) => {
                 stores.entry(k).or_default().push(*place)
             }
             // as an argument in its own place
-            Of::Input(k) if layout.arguments()[k] == *place => {}
+            Of::Input(k) if ends.arguments[k] == *place => {}
             _ => late.push(Late { value: *value, place: *place }),
         }
     }
@@ -271,12 +390,13 @@ fn order_of_stores(lowered: &Lowered, layout: &Layout) -> (HashMap<usize, Vec<Pl
 }
 
 impl<'a> Allocator<'a> {
-    fn new(lowered: &'a Lowered, layout: &Layout, target: Target, late: &[Late]) -> Self {
+    fn new(lowered: &'a Lowered, functions: Functions<'a>, ends: &Ends, target: Target, late: &[Late]) -> Self {
         let n_input = lowered.n_input;
         let first_step = n_input + lowered.constants.len();
         let n_value = first_step + lowered.steps.len();
         let mut allocator = Self {
             lowered,
+            functions,
             target,
             n_input,
             first_step,
@@ -295,11 +415,13 @@ impl<'a> Allocator<'a> {
             n_slot: 0,
             masks: [None; N_MASK],
             next_mask: 0,
+            last_called: None,
+            passed: Vec::new(),
             out: Vec::with_capacity(lowered.steps.len() * 5 / 4),
         };
         allocator.list_uses(late);
-        for (home, place) in allocator.home.iter_mut().zip(layout.arguments()) {
-            *home = Some(Mem::Row(*place));
+        for (home, place) in allocator.home.iter_mut().zip(&ends.arguments) {
+            *home = Some(*place);
         }
         allocator
     }
@@ -339,20 +461,25 @@ impl<'a> Allocator<'a> {
         self.cursor = self.first[..self.first.len() - 1].to_vec();
     }
 
-    fn run(mut self, stores: &HashMap<usize, Vec<Place>>, late: &[Late]) -> Allocated {
-        let pool = self.place_constants();
+    fn run(mut self, stores: &HashMap<usize, Vec<Mem>>, late: &[Late]) -> Allocated {
+        let constants = self.place_constants();
         for (k, step) in self.lowered.steps.iter().enumerate() {
             self.now = k as u32;
-            if let Some(d) = self.step(step) {
-                let value = self.first_step + k;
+            let value = self.first_step + k;
+            let made = self.step(step, value, stores);
+            if let Some(d) = made {
                 self.hold(d, value);
-                for place in stores.get(&k).into_iter().flatten() {
-                    self.out.push(Instruction::Store { m: Mem::Row(*place), s: d });
-                    self.home[value] = Some(Mem::Row(*place));
+            }
+            for place in stores.get(&k).into_iter().flatten() {
+                if self.home[value] == Some(*place) {
+                    continue; // on a tape, where the function that was called has put it
                 }
-                if self.next_use(value) == NEVER {
-                    self.forget(value);
-                }
+                let s = self.ensure(value);
+                self.out.push(Instruction::Store { m: *place, s });
+                self.home[value] = Some(*place);
+            }
+            if self.next_use(value) == NEVER {
+                self.forget(value);
             }
             self.pinned = 0;
             self.free_slots.append(&mut self.ending);
@@ -361,22 +488,21 @@ impl<'a> Allocator<'a> {
             self.now = time;
             let value = self.value(late.value);
             let s = self.ensure(value);
-            self.out.push(Instruction::Store { m: Mem::Row(late.place), s });
+            self.out.push(Instruction::Store { m: late.place, s });
             self.release(&[value]);
             self.pinned = 0;
         }
-        Allocated { instructions: self.out, pool, n_slot: self.n_slot as usize }
+        let n_call = self.lowered.calls.len() as u32;
+        Allocated { instructions: self.out, constants, n_slot: self.n_slot as usize, n_call }
     }
 
-    /// The most used constants stand first, where a byte names them.
-    fn place_constants(&mut self) -> Vec<u64> {
-        let n_use = |k: &usize| self.first[self.n_input + k + 1] - self.first[self.n_input + k];
-        let mut order: Vec<usize> = (0..self.lowered.constants.len()).collect();
-        order.sort_by_key(|k| std::cmp::Reverse(n_use(k)));
-        for (place, k) in order.iter().enumerate() {
-            self.home[self.n_input + k] = Some(Mem::Constant(place as u32));
+    fn place_constants(&mut self) -> Vec<(u64, u32)> {
+        let constants = self.lowered.constants.iter().zip(self.n_input..);
+        let constants = constants.map(|(bits, value)| (*bits, self.first[value + 1] - self.first[value])).collect();
+        for k in 0..self.lowered.constants.len() {
+            self.home[self.n_input + k] = Some(Mem::Constant(k as u32));
         }
-        order.iter().map(|k| self.lowered.constants[*k]).collect()
+        constants
     }
 
     /// The next use of a value behind the current step.
@@ -500,11 +626,24 @@ impl<'a> Allocator<'a> {
         }
     }
 
-    /// Emits what a step does; its result is in the register returned.
-    fn step(&mut self, step: &Step) -> Option<Reg> {
-        if let Do::Call(number) = step.what {
-            self.call(number);
-            return None;
+    /// Emits what the step that makes `value` does; its result is in the register returned, or stands where a function left it.
+    fn step(&mut self, step: &Step, value: usize, stores: &HashMap<usize, Vec<Mem>>) -> Option<Reg> {
+        match step.what {
+            Do::Call(number) => {
+                self.call(number, stores);
+                return None;
+            }
+            Do::Result(result) if let Some((function, tape)) = self.last_called => {
+                let Signature { n_argument, n_result, .. } = self.functions.signatures[function as usize];
+                let home = match (result.checked_sub(n_result as u32), tape) {
+                    (Some(k), Some(tape)) => tape.mem(k),
+                    _ => Mem::Passed(function, n_argument as u32 + result),
+                };
+                self.home[value] = Some(home);
+                self.passed.push(value);
+                return None;
+            }
+            _ => {}
         }
         let mut values = [0; 4];
         for (value, operand) in values.iter_mut().zip(step.operands()) {
@@ -757,13 +896,18 @@ impl<'a> Allocator<'a> {
     }
 
     /// All that lives on goes home: registers are the callee's.
-    fn call(&mut self, number: u32) {
+    fn call(&mut self, number: u32, stores: &HashMap<usize, Vec<Mem>>) {
         let site = &self.lowered.calls[number as usize];
         let values: Vec<usize> = site.operands.iter().map(|operand| self.value(*operand)).collect();
-        for (value, k) in values.iter().zip(0..) {
-            let s = self.ensure(*value);
-            self.out.push(Instruction::Store { m: Mem::Call(k), s });
-            self.pinned = 0;
+        let function = if let Callee::Function(function, _) = site.callee { Some(function) } else { None };
+        let (mut n_argument, mut tape) = (values.len(), None);
+        if let Some(function) = function {
+            self.rescue(function);
+            n_argument = self.functions.signatures[function as usize].n_argument;
+            tape = self.tape(function, &values[n_argument..], stores);
+        }
+        for (value, k) in values[..n_argument].iter().zip(0..) {
+            self.put(*value, function.map_or(Mem::Call(k), |function| Mem::Passed(function, k)));
         }
         for r in 0..self.target.n_register {
             let value = self.holds[r];
@@ -776,6 +920,73 @@ impl<'a> Allocator<'a> {
         }
         self.release(&values);
         self.masks = [None; N_MASK];
-        self.out.push(Instruction::Call { number });
+        self.last_called = function.map(|function| (function, tape));
+        self.out.push(match function {
+            None => Instruction::Call { number },
+            Some(function) => Instruction::Invoke { function, tape },
+        });
+    }
+
+    fn put(&mut self, value: usize, m: Mem) {
+        let s = self.ensure(value);
+        self.out.push(Instruction::Store { m, s });
+        self.pinned = 0;
+    }
+
+    /// Where a function that is called next has its tape. One that it reads stays where it was written, unless its numbers were moved
+    /// apart; one that it writes is the caller's own, where that keeps all of it, else slots.
+    fn tape(&mut self, function: u32, read: &[usize], stores: &HashMap<usize, Vec<Mem>>) -> Option<TapeAt> {
+        match self.functions.signatures[function as usize].tape {
+            Tape::None => None,
+            Tape::Inputs(n) => TapeAt::of(read.iter().map(|value| self.home[*value])).or_else(|| {
+                let at = self.new_slots(n);
+                for (value, k) in read.iter().zip(0..) {
+                    self.put(*value, at.mem(k));
+                }
+                if let TapeAt::Slot(first) = at {
+                    self.ending.extend(first..first + n as u32);
+                }
+                Some(at)
+            }),
+            Tape::Results(n) => {
+                let first = self.functions.signatures[function as usize].n_result as u32;
+                let mut kept = vec![None; n];
+                for (k, step) in (self.now as usize + 1..).zip(&self.lowered.steps[self.now as usize + 1..]) {
+                    let Do::Result(result) = step.what else { break };
+                    if let Some(at) = result.checked_sub(first) {
+                        let is_tape = |place: &&Mem| matches!(place, Mem::Tape(_));
+                        kept[at as usize] = stores.get(&k).and_then(|places| places.iter().find(is_tape)).copied();
+                    }
+                }
+                Some(TapeAt::of(kept.into_iter()).unwrap_or_else(|| self.new_slots(n)))
+            }
+        }
+    }
+
+    /// Slots side by side.
+    fn new_slots(&mut self, n: usize) -> TapeAt {
+        self.n_slot += n as u32;
+        TapeAt::Slot(self.n_slot - n as u32)
+    }
+
+    /// What lives on and stands where a function or one that it calls will leave other numbers gets a place of its own. Arguments are
+    /// read before.
+    fn rescue(&mut self, function: u32) {
+        let reach = &self.functions.reach[function as usize];
+        let mut passed = std::mem::take(&mut self.passed);
+        passed.retain(|&value| {
+            let Some(Mem::Passed(of, _)) = self.home[value] else { return false };
+            if !reach[of as usize] {
+                return true;
+            }
+            if self.next_use(value) != NEVER {
+                self.ensure(value);
+                self.home[value] = None;
+                self.send_home(value);
+                self.pinned = 0;
+            }
+            false
+        });
+        self.passed = passed;
     }
 }

@@ -3,9 +3,9 @@
 use super::allocate::allocate;
 use super::executable::Row;
 use super::layout::{Layout, MAX_ROWS, Rows};
-use super::lower::{Callee, Element, lower};
+use super::lower::{Callee, Element, Lowered, lower};
 use super::memory::{self, Needs, PerProcess};
-use super::x86::{Shape, encode};
+use super::x86::{Encoded, Shape, encode};
 use super::{MAX_STEPS, WhyInterpreted};
 use crate::autodiff::columns::Lines;
 use crate::autodiff::custom::{Operation, Scratch};
@@ -114,18 +114,25 @@ impl Native {
     fn made(key: Key) -> Result<Self, WhyInterpreted> {
         let Key { form, layout, shape, stride } = &key;
         let (shape, stride) = (*shape, *stride);
-        let n_called: usize = form.calls().iter().map(|call| call.operands.len() + call.operation.n_output()).sum();
-        let n_most = form.n_value().max(form.results().len()).max(n_called);
+        let functions = form.functions();
+        let sizes = functions.iter().chain([form]).map(|form| {
+            let called: usize = form.calls().iter().map(|call| call.operands.len() + call.callee.n_output()).sum();
+            form.n_value().max(form.results().len()).max(called)
+        });
+        let n_most: usize = sizes.sum();
         if n_most > MAX_STEPS || (0..layout.n_array()).any(|k| layout.n_row(k) > MAX_ROWS) {
             return Err(WhyInterpreted::TooLarge);
         }
         let mut lowered = lower(form, shape.element).ok_or(WhyInterpreted::TooLarge)?;
         let allocated = allocate(&mut lowered, layout, shape.target());
-        let callees: Vec<_> = lowered.calls.into_iter().map(|site| (site.callee, site.operands.len())).collect();
-        let call_rows = callees.iter().map(|(callee, n)| callee.n_output().max(*n)).max().unwrap_or(0);
-        let bytes = encode(&allocated, shape, layout, stride, call_rows);
-        let constants = constants(&allocated.pool, shape);
-        let n_slot_byte = (call_rows + allocated.n_slot) * shape.width;
+        let passed: Vec<usize> = lowered[1..].iter().map(Lowered::n_passed).collect();
+        let calls = lowered.into_iter().flat_map(|part| part.calls);
+        let callees: Vec<_> = calls.map(|site| (site.callee, site.operands.len())).collect();
+        let custom = callees.iter().filter(|(callee, _)| !matches!(callee, Callee::Function(..)));
+        let call_rows = custom.map(|(callee, n)| callee.n_output().max(*n)).max().unwrap_or(0);
+        let Encoded { bytes, pool, n_row } = encode(&allocated, shape, layout, stride, call_rows, &passed);
+        let constants = constants(&pool, shape);
+        let n_slot_byte = n_row * shape.width;
         let needs = Needs {
             constant_bias: shape.constant_bias(),
             calls: call_rows * shape.width,
@@ -147,7 +154,8 @@ pub(super) fn bytes(form: &ValueForm, layout: &Layout, element: Element, is_sing
     let shape = shape(element, is_single);
     let mut lowered = lower(form, element).unwrap();
     let allocated = allocate(&mut lowered, layout, shape.target());
-    encode(&allocated, shape, layout, shape.width, 3)
+    let passed: Vec<usize> = lowered[1..].iter().map(Lowered::n_passed).collect();
+    encode(&allocated, shape, layout, shape.width, 3, &passed).bytes
 }
 
 impl Drop for Native {
@@ -186,6 +194,8 @@ fn call_lanes(callee: &Callee, n_operand: usize, element: Element, lanes: usize,
         (Callee::Custom(operation), Element::F64) => {
             custom(operation, n_operand, lanes, n, bytemuck::cast_slice_mut(rows), |x| x, |y| y);
         }
+        // called by the code itself
+        (Callee::Function(..), _) => {}
     }
 }
 

@@ -84,7 +84,7 @@ impl<R: Row> Executable<R> {
             let remedy = "Say where each argument and each result lies, in order.";
             return Err(Error::value("layout", format!("of {n} arguments and {m} results"), limit, remedy));
         }
-        let code = code::<R>(program.form(), &layout);
+        let code = code::<R>(program.arranged(), &layout);
         Ok(Self { program: program.clone(), layout, code, rows: PhantomData })
     }
 

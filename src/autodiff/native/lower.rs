@@ -4,10 +4,11 @@
 use super::MAX_STEPS;
 use crate::autodiff::custom::Operation;
 use crate::autodiff::polynomials::*;
-use crate::autodiff::program::{Action, Op, Source, Value, ValueForm};
+use crate::autodiff::program::{self, Action, Op, Source, Tape, Value, ValueForm};
 use std::collections::HashMap;
 use std::f64::consts::{FRAC_2_PI, FRAC_PI_2, FRAC_PI_4, LOG2_E, PI};
 use std::hash::{BuildHasherDefault, Hasher};
+use std::sync::Arc;
 
 /// Numbers of a machine program.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -132,6 +133,8 @@ pub(super) enum Callee {
     /// An elementary function of `f64`.
     Elementary(Op),
     Custom(Operation),
+    /// A function of the program, by its number, and how many results it has.
+    Function(u32, usize),
 }
 
 impl Callee {
@@ -139,6 +142,7 @@ impl Callee {
         match self {
             Self::Elementary(op) => op.n_result(),
             Self::Custom(operation) => operation.n_output(),
+            Self::Function(_, n) => *n,
         }
     }
 }
@@ -160,10 +164,28 @@ pub(super) struct Lowered {
     pub(super) steps: Vec<Step>,
     pub(super) calls: Vec<CallSite>,
     pub(super) results: Vec<Operand>,
+    pub(super) tape: Tape,
 }
 
-/// Lowers a program, unless it has more than [`MAX_STEPS`].
-pub(super) fn lower(form: &ValueForm, element: Element) -> Option<Lowered> {
+/// Lowers a program and the functions that it calls, behind it by their numbers; unless they have more than [`MAX_STEPS`].
+pub(super) fn lower(form: &ValueForm, element: Element) -> Option<Vec<Lowered>> {
+    let functions = form.functions();
+    let mut n_step = 0;
+    let all = [form].into_iter().chain(functions.iter().map(|function| &**function));
+    all.map(|form| {
+        let lowered = lower_one(form, &functions, element, MAX_STEPS - n_step)?;
+        n_step += lowered.steps.len();
+        (n_step <= MAX_STEPS).then_some(lowered)
+    })
+    .collect()
+}
+
+fn lower_one(
+    form: &ValueForm,
+    functions: &[Arc<ValueForm>],
+    element: Element,
+    n_most: usize,
+) -> Option<Lowered> {
     let lowered = Lowered {
         element,
         n_input: form.n_input(),
@@ -171,10 +193,16 @@ pub(super) fn lower(form: &ValueForm, element: Element) -> Option<Lowered> {
         steps: Vec::with_capacity(form.instructions().len() * 5 / 4),
         calls: Vec::new(),
         results: Vec::new(),
+        tape: form.tape,
     };
-    let mut lowering =
-        Lowering { to: lowered, numbers: HashMap::default(), known: HashMap::default(), is_less: HashMap::default() };
-    lowering.run(form)?;
+    let mut lowering = Lowering {
+        to: lowered,
+        functions,
+        numbers: HashMap::default(),
+        known: HashMap::default(),
+        is_less: HashMap::default(),
+    };
+    lowering.run(form, n_most)?;
     Some(lowering.to.without_dead_steps())
 }
 
@@ -209,8 +237,9 @@ impl Hasher for Quick {
 
 type QuickMap<K, V> = HashMap<K, V, BuildHasherDefault<Quick>>;
 
-struct Lowering {
+struct Lowering<'a> {
     to: Lowered,
+    functions: &'a [Arc<ValueForm>],
     /// Constants by their bits.
     numbers: QuickMap<u64, Operand>,
     /// Steps without side effects.
@@ -219,8 +248,8 @@ struct Lowering {
     is_less: QuickMap<Operand, (Operand, Operand)>,
 }
 
-impl Lowering {
-    fn run(&mut self, form: &ValueForm) -> Option<()> {
+impl Lowering<'_> {
+    fn run(&mut self, form: &ValueForm, n_most: usize) -> Option<()> {
         let mut place: Vec<Operand> = Vec::with_capacity(form.n_value());
         place.extend((0..form.n_input()).map(Operand::input));
         for value in (form.n_input()..form.first_computed()).map(|k| Value(k as u32)) {
@@ -228,7 +257,7 @@ impl Lowering {
             place.push(self.number(number));
         }
         for instruction in form.instructions() {
-            if self.to.steps.len() > MAX_STEPS {
+            if self.to.steps.len() > n_most {
                 return None;
             }
             match instruction.action {
@@ -239,7 +268,14 @@ impl Lowering {
                 Action::Call(number) => {
                     let call = &form.calls()[number];
                     let operands = call.operands.iter().map(|value| place[value.index()]).collect();
-                    self.call(Callee::Custom(call.operation.clone()), operands, &mut place);
+                    let callee = match &call.callee {
+                        program::Callee::Custom(operation) => Callee::Custom(operation.clone()),
+                        program::Callee::Function(form) => {
+                            let number = self.functions.iter().position(|own| Arc::ptr_eq(own, form))?;
+                            Callee::Function(number as u32, form.results().len())
+                        }
+                    };
+                    self.call(callee, operands, &mut place);
                 }
             }
         }
@@ -519,6 +555,11 @@ impl Lowering {
 }
 
 impl Lowered {
+    /// Numbers that a function takes and gives, but for those on tapes.
+    pub(super) fn n_passed(&self) -> usize {
+        self.n_input + self.results.len() - self.tape.n_input() - self.tape.n_result()
+    }
+
     /// The constant of these bits. What reads one has put it there.
     fn constant(&self, bits: u64) -> usize {
         self.constants.iter().position(|own| *own == bits).unwrap_or(0)

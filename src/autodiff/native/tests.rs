@@ -2,8 +2,9 @@ use super::*;
 use crate::autodiff::columns::{BLOCK, LINE};
 use crate::autodiff::custom::{CustomFunction, Operation};
 use crate::autodiff::lanes::{Set, with_set};
-use crate::autodiff::program::{Action, CallOf, Instruction, Op, Program, Value, ValueForm};
+use crate::autodiff::program::{Action, CallOf, Callee, Instruction, Op, Program, Tape, Value, ValueForm};
 use crate::rng::{Purpose, Stream};
+use std::sync::Arc;
 
 /// y = (x₀ − 2x₁, x₁/x₀, 3): in `f64`, as custom functions are.
 struct Mixed;
@@ -57,18 +58,36 @@ fn number(r: &mut Stream) -> f64 {
     }
 }
 
-/// A program of any operations on any values: short and long lives, results that are inputs and constants, calls.
+/// A program of any operations on any values: short and long lives, results that are inputs and constants, calls of custom functions
+/// and of functions of its own.
 fn random_form(seed: u64) -> ValueForm {
     let mut r = draws(seed);
+    let mut functions = Vec::new();
+    for _ in 0..r.below(7).saturating_sub(2) {
+        let mut function = random_form_of(&mut r, 30, &functions);
+        let n = r.below(5) as usize;
+        function.tape = match r.below(3) {
+            0 => Tape::Inputs(n.min(function.n_input)),
+            1 => Tape::Results(n.min(function.results.len())),
+            _ => Tape::None,
+        };
+        functions.push(Arc::new(function));
+    }
+    random_form_of(&mut r, if seed.is_multiple_of(16) { 600 } else { 60 }, &functions)
+}
+
+/// With as many instructions at most, and calls of these functions.
+fn random_form_of(r: &mut Stream, n_most: u64, functions: &[Arc<ValueForm>]) -> ValueForm {
     let (n_input, n_constant) = (r.below(9) as usize, r.below(7) as usize);
-    let mut constants: Vec<u64> = (0..=n_constant).map(|_| number(&mut r).to_bits()).collect();
+    let mut constants: Vec<u64> = (0..=n_constant).map(|_| number(r).to_bits()).collect();
     constants.dedup();
     let reach = [4, 40, 400][r.below(3) as usize];
     let (has_calls, is_smooth) = (r.below(4) == 0, r.below(3) == 0);
     let n_value = n_input + constants.len();
-    let mut form = ValueForm { n_input, constants, instructions: vec![], calls: vec![], results: vec![], n_value };
+    let (instructions, calls, results) = (vec![], vec![], vec![]);
+    let mut form = ValueForm { n_input, constants, instructions, calls, results, n_value, tape: Tape::None };
     let operation = Operation::new(Mixed);
-    for _ in 0..1 + r.below(if seed.is_multiple_of(16) { 600 } else { 60 }) {
+    for _ in 0..1 + r.below(n_most) {
         let n = form.n_value as u64;
         let mut any = || match r.below(4) {
             0 => Value(r.below(n) as u32),
@@ -78,7 +97,26 @@ fn random_form(seed: u64) -> ValueForm {
         if has_calls && r.below(12) == 0 {
             let first = form.next(3);
             form.instructions.push(Instruction { action: Action::Call(form.calls.len()), first });
-            form.calls.push(CallOf { operation: operation.clone(), operands: operands[..2].to_vec() });
+            let callee = Callee::Custom(operation.clone());
+            form.calls.push(CallOf { callee, operands: operands[..2].to_vec() });
+            continue;
+        }
+        if !functions.is_empty() && r.below(8) == 0 {
+            let function = functions[r.below(functions.len() as u64) as usize].clone();
+            let mut operands: Vec<Value> = (0..function.n_input).map(|_| Value(r.below(n) as u32)).collect();
+            // numbers side by side: what a function left, or what this one is given
+            let n_tape = function.tape.n_input();
+            let begin = r.below(n.saturating_sub(n_tape as u64) + 1) as u32;
+            let tapes = form.instructions.iter().filter(|i| matches!(i.action, Action::Call(_)));
+            let begin = tapes.map(|i| i.first.0 + r.below(3) as u32).last().unwrap_or(begin);
+            if r.below(2) == 0 && u64::from(begin) + n_tape as u64 <= n {
+                let at = function.n_input - n_tape;
+                operands.truncate(at);
+                operands.extend((begin..begin + n_tape as u32).map(Value));
+            }
+            let first = form.next(function.results.len() as u32);
+            form.instructions.push(Instruction { action: Action::Call(form.calls.len()), first });
+            form.calls.push(CallOf { callee: Callee::Function(function), operands });
             continue;
         }
         let ops = if is_smooth { 17 } else { Op::ALL.len() as u64 };
@@ -88,6 +126,13 @@ fn random_form(seed: u64) -> ValueForm {
     }
     let n_result = 1 + r.below(12);
     form.results = (0..n_result).map(|_| Value(r.below(form.n_value as u64) as u32)).collect();
+    // results of the last call in their order
+    if r.below(2) == 0
+        && let Some(call) = form.instructions.iter().rfind(|i| matches!(i.action, Action::Call(_)))
+    {
+        let n = form.n_result_of(call) as u32;
+        form.results.extend((call.first.0..call.first.0 + n).map(Value));
+    }
     form
 }
 
@@ -172,7 +217,7 @@ fn culprit<R: Tested>(form: &ValueForm, inputs: &[R], n: usize) -> String {
     for instruction in form.instructions() {
         for k in 0..form.n_result_of(instruction) as u32 {
             let alone = ValueForm { results: vec![Value(instruction.first.0 + k)], ..form.clone() };
-            let program = Program::of_form(alone, false);
+            let program = Program::of_calls(alone);
             let executable = Executable::<R>::new(&program, Layout::apart(inputs.len(), 1)).unwrap();
             let (want, mut got) = (R::interpreter(&program, inputs, n), [R::zeroed()]);
             executable.run(&mut executable.work(), &mut [Rows::Read(inputs), Rows::Write(&mut got)], n).unwrap();
@@ -191,7 +236,7 @@ fn culprit<R: Tested>(form: &ValueForm, inputs: &[R], n: usize) -> String {
 fn compare<R: Tested>(seed: u64) {
     let form = random_form(seed);
     let mut r = draws(seed ^ 0xF0F0);
-    let program = Program::of_form(form, false);
+    let program = Program::of_calls(form);
     let layout = random_layout(seed, program.n_input(), program.n_output());
     let executable = Executable::<R>::new(&program, layout.clone()).unwrap();
     let n = 1 + r.below(R::MOST as u64) as usize;
@@ -210,6 +255,9 @@ fn compare<R: Tested>(seed: u64) {
             panic!("seed {seed}: result {k} in lane {lane} of {n}; {culprit}");
         }
     }
+    let flat = R::interpreter(&Program::of_form(program.value_form().clone(), seed.is_multiple_of(2)), &inputs, n);
+    let differs = want.iter().zip(&flat).find_map(|(want, flat)| want.differs(flat, n));
+    assert_eq!(differs, None, "seed {seed}: other bits where functions stand in their callers' place");
     for (k, array) in arrays.iter().enumerate() {
         for (row, now) in array.iter().enumerate() {
             let place = Place { array: k as u8, row: row as u32 };

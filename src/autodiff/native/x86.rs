@@ -3,10 +3,11 @@
 //! Forms after Intel, Software Developer's Manual, volume 2, chapter 2. What is promised: no instruction outside those sets, no
 //! register of the caller's changed that the System V convention keeps, no change of MXCSR, `vzeroupper` before every call and return.
 
-use super::allocate::{Allocated, Form, Fused, Instruction, Mem, Reg, Relation, Rm, Target};
+use super::allocate::{Allocated, Form, Fused, Instruction, Mem, Reg, Relation, Rm, TapeAt, Target};
 use super::layout::{Layout, MAX_ARRAYS};
 use super::lower::{Do, Element};
 use super::memory::frame;
+use std::collections::HashMap;
 
 /// How numbers lie in registers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -53,6 +54,8 @@ const CONSTANTS: u8 = 0; // rax
 const SLOTS: u8 = 1; // rcx
 const FRAME: u8 = 7; // rdi
 const ARRAYS: [u8; MAX_ARRAYS] = [2, 6, 8, 9, 10, 11]; // rdx, rsi, r8 to r11
+/// Functions know no arrays.
+const TAPE: u8 = ARRAYS[0];
 
 /// Opcode maps and prefixes of vector instructions.
 #[derive(Clone, Copy)]
@@ -87,35 +90,167 @@ struct Extra {
     is_evex_only: bool,
 }
 
-/// Machine code of a program over rows of `stride` bytes.
-pub(super) fn encode(allocated: &Allocated, shape: Shape, layout: &Layout, stride: usize, call_rows: usize) -> Vec<u8> {
-    let code = Vec::with_capacity(allocated.instructions.len() * 9 + 128);
-    let mut encoder = Encoder { code, shape, stride, call_rows, n_array: layout.n_array() };
-    let top = encoder.load_addresses();
-    allocated.instructions.iter().for_each(|instruction| encoder.instruction(instruction));
-    encoder.next_registers(top);
-    encoder.code
+/// A program and its functions in bytes.
+pub(super) struct Encoded {
+    pub(super) bytes: Vec<u8>,
+    /// Bits of the constants, most used first: a byte names them.
+    pub(super) pool: Vec<u64>,
+    /// Rows of slots, with those of calls before them.
+    pub(super) n_row: usize,
 }
 
-struct Encoder {
+/// Machine code of a program over rows of `stride` bytes, with its functions behind it. `passed` says how many
+/// numbers each function takes and gives.
+pub(super) fn encode(
+    parts: &[Allocated],
+    shape: Shape,
+    layout: &Layout,
+    stride: usize,
+    call_rows: usize,
+    passed: &[usize],
+) -> Encoded {
+    let (pool, places) = pooled(parts);
+    let code = Vec::with_capacity(parts.iter().map(|part| part.instructions.len() * 9 + 128).sum());
+    let mut encoder = Encoder {
+        code,
+        shape,
+        stride,
+        n_array: layout.n_array(),
+        constants: &[],
+        slots: call_rows,
+        passed: Vec::with_capacity(passed.len()),
+        first_call: 0,
+        is_function: false,
+        invoked: Vec::new(),
+    };
+    let mut n_row = call_rows + parts[0].n_slot;
+    for (n, part) in passed.iter().zip(&parts[1..]) {
+        encoder.passed.push(n_row);
+        n_row += n + part.n_slot;
+    }
+    let mut starts = Vec::with_capacity(passed.len());
+    for (k, (part, constants)) in parts.iter().zip(&places).enumerate() {
+        encoder.constants = constants;
+        match k.checked_sub(1) {
+            None => {
+                let top = encoder.load_addresses();
+                part.instructions.iter().for_each(|instruction| encoder.instruction(instruction));
+                encoder.next_registers(top);
+            }
+            Some(number) => {
+                encoder.is_function = true;
+                starts.push(encoder.code.len());
+                encoder.slots = encoder.passed[number] + passed[number];
+                encoder.function(&part.instructions);
+            }
+        }
+        encoder.first_call += part.n_call;
+    }
+    encoder.link(&starts);
+    Encoded { bytes: encoder.code, pool, n_row }
+}
+
+/// The constants of all parts, and where they are for each.
+fn pooled(parts: &[Allocated]) -> (Vec<u64>, Vec<Vec<u32>>) {
+    let mut n_use: HashMap<u64, u32> = HashMap::new();
+    let mut pool: Vec<u64> = Vec::new();
+    for (bits, n) in parts.iter().flat_map(|part| &part.constants) {
+        *n_use.entry(*bits).or_insert_with(|| {
+            pool.push(*bits);
+            0
+        }) += n;
+    }
+    pool.sort_by_key(|bits| std::cmp::Reverse(n_use[bits]));
+    let place: HashMap<u64, u32> = pool.iter().copied().zip(0..).collect();
+    let places = parts.iter().map(|part| part.constants.iter().map(|(bits, _)| place[bits]).collect());
+    (pool, places.collect())
+}
+
+struct Encoder<'a> {
     code: Vec<u8>,
     shape: Shape,
     stride: usize,
-    /// Rows of arguments and results of calls, which stand before the slots.
-    call_rows: usize,
     n_array: usize,
+    /// Of the part that is encoded: where its constants are in the pool, which row its slots begin at, and the number of its first
+    /// call.
+    constants: &'a [u32],
+    slots: usize,
+    first_call: u32,
+    is_function: bool,
+    /// The row at which what each function is passed begins.
+    passed: Vec<usize>,
+    /// Where functions are called, and which.
+    invoked: Vec<(usize, u32)>,
 }
 
-impl Encoder {
+impl Encoder<'_> {
+    /// A function. The stack stands as it does in the program.
+    fn function(&mut self, instructions: &[Instruction]) {
+        self.code.extend(MAKE_ROOM);
+        instructions.iter().for_each(|instruction| self.instruction(instruction));
+        self.code.extend(GIVE_ROOM);
+        self.code.push(0xC3); // ret
+    }
+
+    /// A call of a function, which changes addresses of arrays alone, and keeps that of its tape.
+    fn invoke(&mut self, function: u32, tape: Option<TapeAt>) {
+        let own = self.is_function && matches!(tape, Some(TapeAt::Slot(_)));
+        if own {
+            self.code.push(0x50 | TAPE); // push
+            self.code.extend(MAKE_ROOM);
+        }
+        let by = |k: u32| (k as usize * self.shape.width) as i32;
+        let moved = match tape {
+            // lea tape, [slots + displacement]
+            Some(TapeAt::Slot(k)) => Some(([0x48, 0x8D, 0x80 | TAPE << 3 | SLOTS], by(self.slots as u32 + k))),
+            // add tape, displacement
+            Some(TapeAt::Own(k)) => Some(([0x48, 0x81, 0xC0 | TAPE], by(k))),
+            None => None,
+        };
+        if let Some((head, displacement)) = moved {
+            self.code.extend(head);
+            self.code.extend(displacement.to_le_bytes());
+        }
+        self.code.push(0xE8); // call, to a place that is known later
+        self.invoked.push((self.code.len(), function));
+        self.code.extend([0; 4]);
+        match (self.is_function, tape) {
+            (false, _) => self.load_arrays(),
+            (true, Some(TapeAt::Slot(_))) => {
+                self.code.extend(GIVE_ROOM);
+                self.code.push(0x58 | TAPE); // pop
+            }
+            (true, Some(TapeAt::Own(k))) => {
+                self.code.extend([0x48, 0x81, 0xE8 | TAPE]); // sub tape, displacement
+                self.code.extend(by(k).to_le_bytes());
+            }
+            (true, None) => {}
+        }
+    }
+
+    /// Writes where functions begin into their calls.
+    fn link(&mut self, starts: &[usize]) {
+        for (at, function) in &self.invoked {
+            let distance = starts[*function as usize] as i32 - (*at as i32 + 4);
+            self.code[*at..*at + 4].copy_from_slice(&distance.to_le_bytes());
+        }
+    }
+
     /// Addresses from the frame into registers; returns where that begins.
     fn load_addresses(&mut self) -> usize {
         let at = self.code.len();
         self.load_address(CONSTANTS, frame::CONSTANTS);
         self.load_address(SLOTS, frame::SLOTS);
+        if !self.is_function {
+            self.load_arrays();
+        }
+        at
+    }
+
+    fn load_arrays(&mut self) {
         for k in 0..self.n_array {
             self.load_address(ARRAYS[k], frame::ARRAYS + 8 * k);
         }
-        at
     }
 
     /// mov register, [frame + offset]
@@ -142,11 +277,19 @@ impl Encoder {
     /// What the function of calls is told: the frame, which it has already, and the number. The stack is at a multiple of 16 there.
     fn call(&mut self, number: u32) {
         self.code.extend(VZEROUPPER);
+        if self.is_function {
+            self.code.push(0x50 | TAPE); // push
+            self.code.extend(MAKE_ROOM);
+        }
         self.code.push(0x57); // push rdi
         self.code.push(0xBE); // mov esi, number
-        self.code.extend(number.to_le_bytes());
+        self.code.extend((self.first_call + number).to_le_bytes());
         self.code.extend([0xFF, 0x50 | FRAME, frame::CALL as u8]); // call [rdi + offset]
         self.code.push(0x5F); // pop rdi
+        if self.is_function {
+            self.code.extend(GIVE_ROOM);
+            self.code.push(0x58 | TAPE); // pop
+        }
         self.load_addresses();
     }
 
@@ -235,6 +378,7 @@ impl Encoder {
                 self.vector(opcode, d, no, last, Extra { immediate: Some(by << 4), ..self.scaled(last) });
             }
             Call { number } => self.call(number),
+            Invoke { function, tape } => self.invoke(function, tape),
         }
     }
 
@@ -327,14 +471,16 @@ impl Encoder {
 
     fn memory(&self, m: Mem) -> Last {
         let shape = self.shape;
-        let slot = |k: u32| (k as usize * shape.width) as i32 - shape.slot_bias() as i32;
+        let slot = |k: usize| (k * shape.width) as i32 - shape.slot_bias() as i32;
         let (base, displacement, is_broadcast) = match m {
             Mem::Constant(k) => {
-                let at = (k as usize * shape.constant_size()) as i32 - shape.constant_bias() as i32;
+                let at = (self.constants[k as usize] as usize * shape.constant_size()) as i32 - shape.constant_bias() as i32;
                 (CONSTANTS, at, shape.is_evex && !shape.is_single())
             }
-            Mem::Call(k) => (SLOTS, slot(k), false),
-            Mem::Slot(k) => (SLOTS, slot(k + self.call_rows as u32), false),
+            Mem::Call(k) => (SLOTS, slot(k as usize), false),
+            Mem::Slot(k) => (SLOTS, slot(self.slots + k as usize), false),
+            Mem::Passed(function, k) => (SLOTS, slot(self.passed[function as usize] + k as usize), false),
+            Mem::Tape(k) => (TAPE, slot(k as usize), false),
             Mem::Row(place) => (ARRAYS[usize::from(place.array)], (place.row as usize * self.stride) as i32, false),
         };
         Last::Memory { base, displacement, is_broadcast }
@@ -422,6 +568,11 @@ impl Last {
 }
 
 const VZEROUPPER: [u8; 3] = [0xC5, 0xF8, 0x77];
+
+/// sub rsp, 8: calls find the stack at a multiple of 16.
+const MAKE_ROOM: [u8; 4] = [0x48, 0x83, 0xEC, 8];
+/// add rsp, 8
+const GIVE_ROOM: [u8; 4] = [0x48, 0x83, 0xC4, 8];
 
 /// Prefix and opcode.
 fn vex_length(opcode: Opcode, last: Last) -> usize {

@@ -1,7 +1,8 @@
 //! A program over a block of environments: each instruction for all registers of the block, one after the other.
 
 use super::runs::{Run, Sum};
-use super::{BLOCK, BlockWorkspace, Call, Interpreter, Op, Placed, Program, apply};
+use super::{BLOCK, BlockWorkspace, Body, Call, Called, Interpreter, Op, Placed, Program, apply};
+use crate::autodiff::custom::Operation;
 use crate::autodiff::lanes::{Kernel, Lanes};
 use std::cell::Cell;
 
@@ -21,40 +22,58 @@ impl Kernel for Evaluate<'_> {
         let Self { program, n, workspace, inputs, outputs } = self;
         assert_eq!(inputs.len(), program.n_input(), "inputs of the program");
         assert_eq!(outputs.len(), program.n_output(), "outputs of the program");
-        let Interpreter { runs: all, calls, neutral, inputs: read, outputs: written, .. } = &*program.interpreter;
-        let slots = &mut workspace.slots[..neutral.n_slot()];
-        for &(slot, k) in read {
+        let interpreter = program.interpreter();
+        let slots = &mut workspace.slots[..interpreter.neutral.n_slot()];
+        for &(slot, k) in &interpreter.body.inputs {
             slots[slot as usize] = inputs[k as usize];
         }
-        for k in 0..all.len() {
-            let (runs, cells) = (&all[k], Cell::from_mut(&mut *slots).as_slice_of_cells());
-            match n.div_ceil(L::WIDTH) {
-                2 => Straight::<2> { runs, slots: cells, n }.outlined::<L>(),
-                4 => Straight::<4> { runs, slots: cells, n }.outlined::<L>(),
-                8 => Straight::<8> { runs, slots: cells, n }.outlined::<L>(),
-                _ => Straight::<0> { runs, slots: cells, n }.outlined::<L>(),
-            }
-            if k < calls.len() {
-                calls[k].run_block(n, slots, &mut workspace.scratch);
-            }
-        }
+        run_body::<L>(interpreter, &interpreter.body, n, slots, &mut workspace.scratch);
         for k in 0..outputs.len() {
-            outputs[k] = slots[written[k] as usize];
+            outputs[k] = slots[interpreter.body.outputs[k] as usize];
+        }
+    }
+}
+
+/// Instructions up to each call, the call, and so on.
+fn run_body<L: Lanes>(
+    interpreter: &Interpreter,
+    body: &Body,
+    n: usize,
+    slots: &mut [[f32; BLOCK]],
+    scratch: &mut [f64],
+) {
+    for k in 0..body.runs.len() {
+        let (runs, cells) = (&body.runs[k], Cell::from_mut(&mut *slots).as_slice_of_cells());
+        match n.div_ceil(L::WIDTH) {
+            2 => Straight::<2> { runs, slots: cells, n }.outlined::<L>(),
+            4 => Straight::<4> { runs, slots: cells, n }.outlined::<L>(),
+            8 => Straight::<8> { runs, slots: cells, n }.outlined::<L>(),
+            _ => Straight::<0> { runs, slots: cells, n }.outlined::<L>(),
+        }
+        match body.calls.get(k).map(|call| (call, &call.called)) {
+            None => {}
+            Some((call, Called::Custom(operation))) => call.run_block(operation, n, slots, scratch),
+            Some((call, Called::Function(number))) => {
+                let function = &interpreter.functions[*number];
+                interpreter.inputs_of(function, call).for_each(|(from, to)| slots[to as usize] = slots[from as usize]);
+                run_body::<L>(interpreter, function, n, slots, scratch);
+                interpreter.outputs_of(function, call).for_each(|(from, to)| slots[to as usize] = slots[from as usize]);
+            }
         }
     }
 }
 
 impl Call {
-    /// Lane by lane; arguments are read before results are written.
+    /// A custom function, lane by lane; arguments are read before results are written.
     #[inline(never)]
-    fn run_block(&self, n_lane: usize, slots: &mut [[f32; BLOCK]], scratch: &mut [f64]) {
-        let (n, m) = (self.inputs.len(), self.operation.n_output());
+    fn run_block(&self, operation: &Operation, n_lane: usize, slots: &mut [[f32; BLOCK]], scratch: &mut [f64]) {
+        let (n, m) = (self.inputs.len(), operation.n_output());
         let (x, y) = scratch[..n + m].split_at_mut(n);
         for lane in 0..n_lane {
             for (x, slot) in x.iter_mut().zip(&self.inputs) {
                 *x = f64::from(slots[*slot as usize][lane]);
             }
-            self.operation.function().value(x, y);
+            operation.function().value(x, y);
             for &(slot, k) in &self.outputs {
                 slots[slot as usize][lane] = y[k as usize] as f32;
             }

@@ -1,7 +1,7 @@
 //! From a recorded graph to values: dead nodes dropped, products fused into sums, comparisons into selections.
 
-use super::value::{Action, CallOf, Instruction, Op, Value, ValueForm};
-use crate::autodiff::trace::{Node, Recording};
+use super::value::{Action, CallOf, Callee, Instruction, Op, Tape, Value, ValueForm};
+use crate::autodiff::trace::{self, Node, Recording};
 use std::collections::HashMap;
 
 /// From a graph to values.
@@ -161,6 +161,7 @@ impl<'a> Planner<'a> {
             calls: Vec::new(),
             results: Vec::new(),
             n_value: self.recording.n_input,
+            tape: Tape::None,
         };
         let mut place = vec![Value(0); nodes.len()];
         for (i, node) in nodes.iter().enumerate().filter(|(i, _)| self.needed[*i]) {
@@ -193,11 +194,15 @@ impl<'a> Planner<'a> {
                 What::Call(number) => {
                     let call = &self.recording.calls[number as usize];
                     let operands = call.operands.iter().map(|operand| place[*operand as usize]).collect();
-                    let n_result = call.operation.n_output() as u32;
+                    let callee = match &call.callee {
+                        trace::Callee::Custom(operation) => Callee::Custom(operation.clone()),
+                        trace::Callee::Function(function) => Callee::Function(function.form().clone()),
+                    };
+                    let n_result = callee.n_output() as u32;
                     let first = form.next(n_result);
                     (0..n_result).for_each(|k| place[(node + 1 + k) as usize] = Value(first.0 + k));
                     form.instructions.push(Instruction { action: Action::Call(form.calls.len()), first });
-                    form.calls.push(CallOf { operation: call.operation.clone(), operands });
+                    form.calls.push(CallOf { callee, operands });
                 }
             }
         }

@@ -1,16 +1,18 @@
 //! From values to what the interpreter runs: an order, and slots by liveness so that the working set stays in cache.
 
 use super::runs::{Neutral, grouped};
-use super::value::{Action, Op, Value, ValueForm};
-use super::{Call, Interpreter, Placed};
-use std::collections::VecDeque;
+use super::value::{Action, Callee, Op, Value, ValueForm};
+use super::{Body, Call, Called, Interpreter, Placed};
+use std::collections::{HashMap, VecDeque};
+use std::sync::Arc;
 
 /// Behind all times of use, but of results.
 const RELEASED: usize = usize::MAX - 1;
 
-/// Gives each value a slot from its definition to its last use.
+/// Gives each value of a function a slot from its definition to its last use.
 struct Slots<'a> {
     form: &'a ValueForm,
+    functions: &'a [Arc<ValueForm>],
     last_use: Vec<usize>,
     is_read: Vec<bool>,
     slots: Vec<u32>,
@@ -18,10 +20,42 @@ struct Slots<'a> {
     n_slot: u32,
 }
 
+/// A function over slots of its own, before its instructions are grouped.
+struct Spread {
+    instructions: Vec<Placed>,
+    calls: Vec<Call>,
+    inputs: Vec<(u32, u32)>,
+    outputs: Vec<u32>,
+}
+
 /// `scheduled`: see [`Program::compile_single`](super::Program::compile_single).
 pub(super) fn interpreter(form: &ValueForm, scheduled: bool) -> Interpreter {
-    let order = if scheduled { schedule(form) } else { (0..form.instructions.len() as u32).collect() };
-    Slots::new(form, &order).run(&order)
+    let functions = form.functions();
+    let mut constants: HashMap<u64, u32> = HashMap::new();
+    let mut n_slot = 0;
+    let mut spread = |form: &ValueForm| {
+        let order = if scheduled { schedule(form) } else { (0..form.instructions.len() as u32).collect() };
+        let slots = Slots::new(form, &functions, &order, n_slot);
+        let (spread, own) = slots.run(&order, &mut constants);
+        n_slot = own;
+        spread
+    };
+    let body = spread(form);
+    let called: Vec<Spread> = functions.iter().map(|function| spread(function)).collect();
+    let neutral = Neutral::behind(n_slot);
+    let functions = called.into_iter().map(|spread| spread.grouped(neutral)).collect();
+    let mut constants: Vec<(u32, f64)> = constants.into_iter().map(|(bits, slot)| (slot, f64::from_bits(bits))).collect();
+    constants.sort_by_key(|(slot, _)| *slot);
+    Interpreter { n_slot: n_slot as usize, body: body.grouped(neutral), functions, neutral, constants }
+}
+
+impl Spread {
+    fn grouped(self, neutral: Neutral) -> Body {
+        let Self { instructions, calls, inputs, outputs } = self;
+        let ends = calls.iter().map(|call: &Call| call.after).chain([instructions.len()]);
+        let runs = ends.scan(0, |done, end| Some(grouped(&instructions[std::mem::replace(done, end)..end], neutral)));
+        Body { runs: runs.collect(), calls, inputs, outputs }
+    }
 }
 
 /// The same instructions in an order where those of a kind stand together, as soon as they can be made: as many sums as there
@@ -68,23 +102,24 @@ fn schedule(form: &ValueForm) -> Vec<u32> {
 }
 
 impl<'a> Slots<'a> {
-    fn new(form: &'a ValueForm, order: &[u32]) -> Self {
+    /// With slots from `n_slot` on.
+    fn new(form: &'a ValueForm, functions: &'a [Arc<ValueForm>], order: &[u32], n_slot: u32) -> Self {
         let mut is_read = vec![false; form.n_value];
         let read = form.instructions.iter().flat_map(|instruction| form.operands(instruction));
         read.chain(&form.results).for_each(|value| is_read[value.index()] = true);
         let slots = vec![0; form.n_value];
-        Self { form, last_use: form.last_uses(order), is_read, slots, free: Vec::new(), n_slot: 0 }
+        Self { form, functions, last_use: form.last_uses(order), is_read, slots, free: Vec::new(), n_slot }
     }
 
-    fn run(mut self, order: &[u32]) -> Interpreter {
+    /// The function over slots, and how many there are now. Those of `constants` are written once for all evaluations.
+    fn run(mut self, order: &[u32], constants: &mut HashMap<u64, u32>) -> (Spread, u32) {
         let form = self.form;
         let inputs = (0..form.n_input as u32).filter(|k| self.is_read[*k as usize]).collect::<Vec<_>>();
         let inputs = inputs.into_iter().map(|k| (self.take(Value(k)), k)).collect();
-        let mut constants = Vec::with_capacity(form.constants.len());
-        for (number, k) in form.constants().zip(form.n_input..) {
+        for (bits, k) in form.constants.iter().zip(form.n_input..) {
             if self.is_read[k] {
-                self.last_use[k] = usize::MAX; // never overwritten: written once for all evaluations
-                constants.push((self.take(Value(k as u32)), number));
+                self.last_use[k] = usize::MAX; // never overwritten
+                self.slots[k] = *constants.entry(*bits).or_insert_with(|| self.take(Value(k as u32)));
             }
         }
         let (mut instructions, mut calls) = (Vec::with_capacity(order.len()), Vec::new());
@@ -99,10 +134,7 @@ impl<'a> Slots<'a> {
             }
         }
         let outputs = form.results.iter().map(|value| self.slots[value.index()]).collect();
-        let neutral = Neutral::behind(self.n_slot);
-        let ends = calls.iter().map(|call: &Call| call.after).chain([instructions.len()]);
-        let runs = ends.scan(0, |done, end| Some(grouped(&instructions[std::mem::replace(done, end)..end], neutral)));
-        Interpreter { n_slot: self.n_slot as usize, runs: runs.collect(), neutral, calls, constants, inputs, outputs }
+        (Spread { instructions, calls, inputs, outputs }, self.n_slot)
     }
 
     fn place(&mut self, op: Op, operands: [Value; 4], first: Value, time: usize) -> Placed {
@@ -128,13 +160,20 @@ impl<'a> Slots<'a> {
         let inputs = call.operands.iter().map(|value| self.slots[value.index()]).collect();
         self.release(&call.operands, time);
         let mut outputs = Vec::new();
-        for k in 0..call.operation.n_output() as u32 {
+        for k in 0..call.callee.n_output() as u32 {
             let result = Value(first.0 + k);
             if self.is_read[result.index()] {
                 outputs.push((self.take(result), k));
             }
         }
-        Call { after, operation: call.operation.clone(), inputs, outputs }
+        let called = match &call.callee {
+            Callee::Custom(operation) => Called::Custom(operation.clone()),
+            Callee::Function(form) => {
+                let own = self.functions.iter().position(|function| Arc::ptr_eq(function, form));
+                Called::Function(own.unwrap_or(self.functions.len()))
+            }
+        };
+        Call { after, called, inputs, outputs }
     }
 
     /// Gives back the slots of operands read here for the last time.

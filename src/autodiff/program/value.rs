@@ -3,9 +3,13 @@
 //! Numbers are named once and never overwritten (static single assignment, Cytron et al. 1991). Which products are fused into which
 //! sums is decided here, so that whoever runs the form computes the same bits.
 
+use super::plan::Planner;
 use crate::autodiff::custom::Operation;
+use crate::autodiff::trace::Recording;
+use std::collections::HashSet;
 use std::fmt;
 use std::ops::Range;
+use std::sync::Arc;
 
 /// What an instruction computes of its operands a, b, c, d. Truth values are 1 and 0.
 ///
@@ -155,11 +159,30 @@ pub struct Instruction {
     pub first: Value,
 }
 
-/// A custom function of values.
+/// What a call calls.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+pub enum Callee {
+    /// A custom function.
+    Custom(Operation),
+    /// A recorded function, with fusions decided inside.
+    Function(Arc<ValueForm>),
+}
+
+impl Callee {
+    /// How many results it has.
+    pub fn n_output(&self) -> usize {
+        match self {
+            Self::Custom(operation) => operation.n_output(),
+            Self::Function(form) => form.results.len(),
+        }
+    }
+}
+
+/// A function of values.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub struct CallOf {
     /// The function.
-    pub operation: Operation,
+    pub callee: Callee,
     /// Its arguments.
     pub operands: Vec<Value>,
 }
@@ -190,9 +213,34 @@ pub struct ValueForm {
     pub(crate) results: Vec<Value>,
     /// Inputs, constants and results of instructions.
     pub(crate) n_value: usize,
+    pub(crate) tape: Tape,
+}
+
+/// Numbers that a function keeps for its adjoint, or that an adjoint has from its function: the last of the inputs or of the results.
+/// Back ends leave them where they are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub(crate) enum Tape {
+    #[default]
+    None,
+    Inputs(usize),
+    Results(usize),
+}
+
+impl Tape {
+    pub(crate) fn n_input(self) -> usize {
+        if let Self::Inputs(n) = self { n } else { 0 }
+    }
+    pub(crate) fn n_result(self) -> usize {
+        if let Self::Results(n) = self { n } else { 0 }
+    }
 }
 
 impl ValueForm {
+    /// Of a recording.
+    pub(crate) fn of(recording: &Recording) -> Self {
+        Planner::new(&recording.attached()).run()
+    }
+
     /// Number of inputs.
     pub fn n_input(&self) -> usize {
         self.n_input
@@ -213,7 +261,7 @@ impl ValueForm {
         &self.instructions
     }
 
-    /// Custom functions with their arguments, by the numbers that [`Action::Call`] has.
+    /// Functions with their arguments, by the numbers that [`Action::Call`] has.
     pub fn calls(&self) -> &[CallOf] {
         &self.calls
     }
@@ -246,7 +294,7 @@ impl ValueForm {
     pub fn n_result_of(&self, instruction: &Instruction) -> usize {
         match instruction.action {
             Action::Op(op, _) => op.n_result(),
-            Action::Call(number) => self.calls[number].operation.n_output(),
+            Action::Call(number) => self.calls[number].callee.n_output(),
         }
     }
 
@@ -304,7 +352,7 @@ impl ValueForm {
     }
 
     /// Some of the instructions as a program of their own, with `given` values as further inputs.
-    fn part(&self, instructions: &[Instruction], given: &[Value], results: &[Value]) -> Self {
+    pub(super) fn part(&self, instructions: &[Instruction], given: &[Value], results: &[Value]) -> Self {
         let mut place: Vec<Value> = (0..self.n_value as u32).map(Value).collect();
         let n_input = self.n_input + given.len();
         place[self.n_input..self.first_computed()].iter_mut().for_each(|value| value.0 += given.len() as u32);
@@ -318,14 +366,15 @@ impl ValueForm {
             calls: Vec::new(),
             results: Vec::new(),
             n_value: n_input + self.constants.len(),
+            tape: Tape::None,
         };
         for instruction in instructions {
             let action = match instruction.action {
                 Action::Op(op, operands) => Action::Op(op, operands.map(|value| place[value.index()])),
                 Action::Call(number) => {
-                    let CallOf { operation, operands } = &self.calls[number];
+                    let CallOf { callee, operands } = &self.calls[number];
                     let operands = operands.iter().map(|value| place[value.index()]).collect();
-                    part.calls.push(CallOf { operation: operation.clone(), operands });
+                    part.calls.push(CallOf { callee: callee.clone(), operands });
                     Action::Call(part.calls.len() - 1)
                 }
             };
@@ -383,9 +432,42 @@ impl fmt::Display for Named<'_> {
     }
 }
 
-/// One instruction a line, as one would write it by hand.
+/// One instruction a line, as one would write it by hand; behind the program, the functions that it calls.
 impl fmt::Display for ValueForm {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let functions = self.functions();
+        self.fmt_alone(f, &functions)?;
+        for (k, function) in functions.iter().enumerate() {
+            write!(f, "\nfunction {k} of ")?;
+            function.fmt_alone(f, &functions)?;
+        }
+        Ok(())
+    }
+}
+
+impl ValueForm {
+    /// Recorded functions that are called, also by each other, callers first; each once.
+    pub fn functions(&self) -> Vec<Arc<Self>> {
+        let mut found: Vec<Arc<Self>> = Vec::new();
+        let mut done = HashSet::new();
+        self.add_functions(&mut found, &mut done);
+        found.reverse();
+        found
+    }
+
+    /// Appends functions behind those that they call.
+    fn add_functions(&self, found: &mut Vec<Arc<Self>>, done: &mut HashSet<*const Self>) {
+        for call in &self.calls {
+            if let Callee::Function(form) = &call.callee
+                && done.insert(Arc::as_ptr(form))
+            {
+                form.add_functions(found, done);
+                found.push(form.clone());
+            }
+        }
+    }
+
+    fn fmt_alone(&self, f: &mut fmt::Formatter<'_>, functions: &[Arc<Self>]) -> fmt::Result {
         match self.n_input {
             0 => writeln!(f, "no inputs")?,
             1 => writeln!(f, "1 input: v0")?,
@@ -398,10 +480,17 @@ impl fmt::Display for ValueForm {
                 Action::Call(number) => {
                     let (call, n) = (&self.calls[number], self.n_result_of(instruction) as u32);
                     let arguments = Listed(self, &call.operands);
+                    let called = match &call.callee {
+                        Callee::Custom(_) => format!("call {number} ({arguments})"),
+                        Callee::Function(form) => {
+                            let own = functions.iter().position(|function| Arc::ptr_eq(function, form));
+                            format!("function {} ({arguments})", own.unwrap_or(functions.len()))
+                        }
+                    };
                     match n {
-                        0 => writeln!(f, "call {number} ({arguments})")?,
-                        1 => writeln!(f, "{first} = call {number} ({arguments})")?,
-                        n => writeln!(f, "{first} to {} = call {number} ({arguments})", Value(first.0 + n - 1))?,
+                        0 => writeln!(f, "{called}")?,
+                        1 => writeln!(f, "{first} = {called}")?,
+                        n => writeln!(f, "{first} to {} = {called}", Value(first.0 + n - 1))?,
                     }
                 }
             }

@@ -6,8 +6,8 @@
 //! an edge, whose weight is computed once, while an edge costs a multiplication per row of the Jacobian. So vertices go
 //! while that is cheaper; what is left is swept once for all rows.
 
-use super::adjoint::{input_nodes, pull_back};
-use super::{GRAPH, Recording, Trace, record};
+use super::adjoint::{input_nodes, places, pull_back};
+use super::{Recording, Trace, own, record};
 use crate::autodiff::scalar::Scalar;
 use std::collections::{BinaryHeap, HashMap};
 use std::ops::Range;
@@ -52,16 +52,17 @@ impl Recording {
     /// The chain rule with respect to the inputs in `with_respect_to`; nothing where a custom function is called, whose derivative
     /// is no number.
     pub(crate) fn chain(&self, with_respect_to: Range<usize>, price: Price) -> Option<Chain> {
-        if !self.calls.is_empty() {
+        let recording = self.inlined();
+        if !recording.calls.is_empty() {
             return None;
         }
         let mut vertices = Vec::new();
-        let values = record(self.graph(), self.n_input, || {
-            let inputs = input_nodes(with_respect_to);
-            let mut graph = Linear::of(self, &inputs);
+        let values = record(recording.graph(), recording.n_input, || {
+            let inputs = input_nodes(places(with_respect_to));
+            let mut graph = Linear::of(&recording, &inputs);
             graph.shorten(price.few);
             graph.eliminate(price);
-            let mut results: Vec<Trace> = self.outputs.iter().map(|o| Trace(*o)).collect();
+            let mut results: Vec<Trace> = recording.outputs.iter().map(|o| own(*o)).collect();
             vertices = graph.sweep(&inputs, &mut results);
             results
         });
@@ -79,12 +80,8 @@ struct Linear {
     is_input: Vec<bool>,
 }
 
-fn constant(x: Trace) -> Option<f64> {
-    GRAPH.with_borrow(|g| g.constant(x.0))
-}
-
 fn is_unit(x: Trace) -> bool {
-    constant(x).is_some_and(|c| c.abs() == 1.0)
+    x.known().is_some_and(|c| c.abs() == 1.0)
 }
 
 impl Linear {
@@ -104,8 +101,8 @@ impl Linear {
         let mut active = graph.is_input.clone();
         for (i, node) in recording.nodes.iter().enumerate() {
             if needed[i] && !graph.is_input[i] {
-                for (operand, weight) in pull_back(*node, Trace(i as u32), Trace::one()).into_iter().flatten() {
-                    if active[operand as usize] && constant(weight) != Some(0.0) {
+                for (operand, weight) in pull_back(*node, own(i as u32), Trace::one()).into_iter().flatten() {
+                    if active[operand as usize] && weight.known() != Some(0.0) {
                         active[i] = true;
                         graph.connect(operand, i as u32, weight);
                     }
@@ -170,7 +167,7 @@ impl Linear {
             let edges = &self.into[*to as usize];
             let behind = self.weight(vertex, *to);
             for (source, weight) in into {
-                let known = |x: Trace| constant(x).is_some();
+                let known = |x: Trace| x.known().is_some();
                 let free = is_unit(behind) || is_unit(*weight) || (known(behind) && known(*weight));
                 let parallel = edges.iter().any(|(other, _)| other == source);
                 new += usize::from(!parallel);

@@ -1,7 +1,7 @@
 //! Every form of every instruction, as bytes and as text. `forms.txt` holds both; a disassembler that knows nothing of the encoder
 //! reads the bytes back (`.ci/nightly`).
 
-use super::super::allocate::{Allocated, Form, Fused, Instruction, Mem, Reg, Relation, Rm};
+use super::super::allocate::{Allocated, Form, Fused, Instruction, Mem, Reg, Relation, Rm, TapeAt};
 use super::super::lower::{Do, Element};
 use super::super::x86::{Shape, encode};
 use super::*;
@@ -112,10 +112,19 @@ fn forms(shape: Shape) -> Vec<Instruction> {
     all
 }
 
+/// Instructions, with constants of which each is used less than the one before.
+fn part(instructions: Vec<Instruction>) -> Allocated {
+    let constants = (0..3001).map(|k| (k, 3001 - k as u32)).collect();
+    Allocated { instructions, constants, n_slot: 0, n_call: 1 }
+}
+
+fn encoded(parts: &[Allocated], shape: Shape, passed: &[usize]) -> Vec<u8> {
+    encode(parts, shape, &layout(), stride(shape), 2, passed).bytes
+}
+
 /// The bytes of one instruction.
 fn bytes(instruction: Instruction, shape: Shape) -> Vec<u8> {
-    let code =
-        |instructions| encode(&Allocated { instructions, pool: vec![], n_slot: 0 }, shape, &layout(), stride(shape), 2);
+    let code = |instructions| encoded(&[part(instructions)], shape, &[]);
     let (empty, whole) = (code(vec![]), code(vec![instruction]));
     let head = 4 * (2 + layout().n_array());
     whole[head..head + whole.len() - empty.len()].to_vec()
@@ -141,6 +150,7 @@ impl Text {
             Mem::Constant(k) => ("rax", k as i64 * shape.constant_size() as i64 - shape.constant_bias() as i64),
             Mem::Call(k) => ("rcx", k as i64 * shape.width as i64 - shape.slot_bias() as i64),
             Mem::Slot(k) => ("rcx", (k as i64 + 2) * shape.width as i64 - shape.slot_bias() as i64),
+            Mem::Passed(..) | Mem::Tape(_) => unreachable!("in whole programs alone"),
             Mem::Row(p) => {
                 (["rdx", "rsi", "r8", "r9", "r10", "r11"][p.array as usize], p.row as i64 * stride(shape) as i64)
             }
@@ -173,7 +183,7 @@ impl Text {
 
     fn of(&self, instruction: &Instruction) -> String {
         use Instruction::{
-            Blend, BlendBy, Call, Compare, CompareInto, Down, Flip, Load, Move, Sqrt, Store, Test, Two, Up, Where,
+            Blend, BlendBy, Call, Compare, CompareInto, Down, Flip, Invoke, Load, Move, Sqrt, Store, Test, Two, Up, Where,
         };
         let shape = self.0;
         let (is_f32, is_single) = (shape.element == Element::F32, shape.width == 8);
@@ -240,7 +250,7 @@ impl Text {
             }
             Flip { d, b, c } => format!("vpternlog{word} {},{},{},0x78", r(d), r(b), self.rm(c)),
             BlendBy { d, by, no, yes } => format!("vblendv{packed} {},{},{},{}", r(d), r(no), self.rm(yes), r(by)),
-            Call { .. } => unreachable!("in whole programs alone"),
+            Call { .. } | Invoke { .. } => unreachable!("in whole programs alone"),
         }
     }
 }
@@ -254,26 +264,43 @@ fn relation_name(relation: Relation) -> &'static str {
     }
 }
 
-/// A whole program of six arrays with a call: addresses, the call, the loop, the way back; a line each instruction.
+/// A whole program of six arrays: addresses, a call of a function, the loop, the way back; behind it the function, which calls one
+/// that is not the program's, and with tapes another one. A line each instruction.
 fn whole(shape: Shape) -> Vec<String> {
-    let bases = ["rax", "rcx", "rdx", "rsi", "r8", "r9", "r10", "r11"];
-    let offsets = [0, 8, 32, 40, 48, 56, 64, 72];
-    let load = || bases.iter().zip(offsets).map(|(base, at)| format!("mov {base},QWORD PTR [rdi+{at:#x}]"));
-    let mut text: Vec<String> = load().collect();
-    text.extend(["vzeroupper", "push rdi", "mov esi,0x7", "call QWORD PTR [rdi+0x10]", "pop rdi"].map(String::from));
-    text.extend(load());
+    let load = |base: &str, at: usize| format!("mov {base},QWORD PTR [rdi+{at:#x}]");
+    let arrays = || ["rdx", "rsi", "r8", "r9", "r10", "r11"].into_iter().zip((32..).step_by(8));
+    let both = || [load("rax", 0), load("rcx", 8)];
+    let all = || arrays().map(|(base, at)| load(base, at));
+    let lines = |text: &str| text.lines().map(String::from).collect::<Vec<_>>();
+    let (room, give) = ("sub rsp,0x8", "add rsp,0x8");
+    let row = |k: usize| format!("{:#x}", k * shape.width);
+    let mut text = [both().to_vec(), all().collect(), lines(&format!("lea rdx,[rcx+{}]\ncall +0", row(2 + 1)))].concat();
+    text.extend(all());
     if shape.width > 8 {
-        text.extend(offsets[2..].iter().map(|at| format!("add QWORD PTR [rdi+{at:#x}],{:#x}", shape.width)));
-        text.extend(["dec QWORD PTR [rdi+0x18]", "jne 0x0"].map(String::from));
+        text.extend(arrays().map(|(_, at)| format!("add QWORD PTR [rdi+{at:#x}],{:#x}", shape.width)));
+        text.extend(lines("dec QWORD PTR [rdi+0x18]\njne 0x0"));
     }
-    text.extend(["vzeroupper", "ret"].map(String::from));
+    text.extend(lines(&format!("vzeroupper\nret\n{room}")));
+    // a call that is not the program's
+    text.extend(lines(&format!("vzeroupper\npush rdx\n{room}\npush rdi\nmov esi,0x8\ncall QWORD PTR [rdi+0x10]")));
+    text.extend(lines(&format!("pop rdi\n{give}\npop rdx")));
+    text.extend(both());
+    // tapes: a part of its own, and slots, which stand behind what both functions are passed
+    text.extend(lines(&format!("add rdx,{0}\ncall +1\nsub rdx,{0}", row(2))));
+    text.extend(lines(&format!("push rdx\n{room}\nlea rdx,[rcx+{}]\ncall +1\n{give}\npop rdx", row(2 + 9 + 3 + 3))));
+    text.extend(lines(&format!("call +1\n{give}\nret")));
+    text.extend(lines(&format!("{room}\n{give}\nret")));
     text
 }
 
 /// Its bytes.
 fn whole_bytes(shape: Shape) -> Vec<u8> {
-    let call = Allocated { instructions: vec![Instruction::Call { number: 7 }], pool: vec![], n_slot: 0 };
-    encode(&call, shape, &layout(), stride(shape), 2)
+    let invoke = |function, tape| Instruction::Invoke { function, tape };
+    let slots = |instructions, n_slot| Allocated { n_slot, ..part(instructions) };
+    let program = slots(vec![invoke(0, Some(TapeAt::Slot(1)))], 9);
+    let tapes = [Some(TapeAt::Own(2)), Some(TapeAt::Slot(3)), None].map(|tape| invoke(1, tape));
+    let first = slots([&[Instruction::Call { number: 7 }], &tapes[..]].concat(), 10);
+    encoded(&[program, first, slots(vec![], 0)], shape, &[3, 4])
 }
 
 /// All forms of all shapes, a line each.
@@ -321,8 +348,20 @@ fn a_disassembler_reads_what_the_encoder_meant() {
     }
     assert_eq!(forms.len(), read.len(), "instructions");
     for (name, shape) in SHAPES {
-        assert_eq!(disassembled(&whole_bytes(shape)), whole(shape), "{name}");
+        let (code, text) = (whole_bytes(shape), whole(shape));
+        let starts = functions(&code);
+        let meant = |line: &str| match line.strip_prefix("call +") {
+            Some(number) => format!("call {:#x}", starts[number.parse::<usize>().unwrap()]),
+            None => line.to_string(),
+        };
+        assert_eq!(disassembled(&code), text.iter().map(|line| meant(line)).collect::<Vec<_>>(), "{name}");
     }
+}
+
+/// Where functions begin: behind a way back, with room on the stack.
+fn functions(code: &[u8]) -> Vec<usize> {
+    let begin = [0xC3, 0x48, 0x83, 0xEC, 8];
+    code.windows(begin.len()).enumerate().filter(|(_, bytes)| **bytes == begin).map(|(at, _)| at + 1).collect()
 }
 
 /// What objdump reads, an instruction each.

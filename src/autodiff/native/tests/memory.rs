@@ -15,7 +15,8 @@ fn small(seed: u32) -> Program {
     let step = |first, op, operands| Instruction { action: Action::Op(op, operands), first };
     let instructions = vec![step(Value(2), Op::MulAdd, [a, a, b, a]), step(Value(3), Op::Exp, [Value(2), a, a, a])];
     let results = vec![Value(2), Value(3)];
-    let form = ValueForm { n_input: 1, constants: vec![constant], instructions, calls: vec![], results, n_value: 4 };
+    let (constants, calls, tape) = (vec![constant], vec![], Tape::None);
+    let form = ValueForm { n_input: 1, constants, instructions, calls, results, n_value: 4, tape };
     Program::of_form(form, false)
 }
 
@@ -176,9 +177,10 @@ fn a_panic_of_a_custom_function_goes_on_behind_the_code() {
         fn forward(&self, _: &[f64], _: &[f64], _: &mut [f64]) {}
         fn reverse(&self, _: &[f64], _: &[f64], _: &mut [f64]) {}
     }
-    let calls = vec![CallOf { operation: Operation::new(Fails), operands: vec![Value(0)] }];
+    let calls = vec![CallOf { callee: Callee::Custom(Operation::new(Fails)), operands: vec![Value(0)] }];
     let instructions = vec![Instruction { action: Action::Call(0), first: Value(1) }];
-    let form = ValueForm { n_input: 1, constants: vec![], instructions, calls, results: vec![Value(1)], n_value: 2 };
+    let (constants, results, tape) = (vec![], vec![Value(1)], Tape::None);
+    let form = ValueForm { n_input: 1, constants, instructions, calls, results, n_value: 2, tape };
     let made = Executable::<f64>::new(&Program::of_form(form, false), Layout::apart(1, 1)).unwrap();
     let run = |x: f64| {
         let mut y = [0.0];
@@ -203,6 +205,7 @@ fn numbers_of_code_are_rounded_to_nearest_whatever_the_modes_it_was_made_in() {
         calls: vec![],
         results: vec![Value(2)],
         n_value: 3,
+        tape: Tape::None,
     };
     let program = Program::of_form(form, false);
     let mut made = None;

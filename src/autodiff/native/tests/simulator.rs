@@ -1,7 +1,7 @@
 //! A processor in plain Rust: what allocated instructions compute, whatever this processor has.
 
-use super::super::allocate::{Allocated, Form, Fused, Instruction, Mem, Reg, Relation, Rm, Target, allocate};
-use super::super::lower::{Callee, Do, Element, lower};
+use super::super::allocate::{Allocated, Form, Fused, Instruction, Mem, Reg, Relation, Rm, TapeAt, Target, allocate};
+use super::super::lower::{CallSite, Callee, Do, Element, lower};
 use super::*;
 
 const LANES: usize = 4;
@@ -13,10 +13,18 @@ struct Processor<'a> {
     element: Element,
     registers: [Register; 32],
     masks: [[bool; LANES]; 8],
-    pool: &'a [u64],
+    /// The part that runs: its constants and slots.
+    part: usize,
     slots: Vec<Register>,
     calls: Vec<Register>,
     arrays: Vec<Vec<Register>>,
+    /// What each function is passed.
+    passed: Vec<Vec<Register>>,
+    tape: Vec<Register>,
+    /// How long the tapes of functions are.
+    tapes: &'a [usize],
+    parts: &'a [Allocated],
+    callees: &'a [Vec<(Callee, usize)>],
 }
 
 impl Processor<'_> {
@@ -29,9 +37,11 @@ impl Processor<'_> {
 
     fn read(&self, m: Mem) -> Register {
         match m {
-            Mem::Constant(k) => [self.pool[k as usize]; LANES],
+            Mem::Constant(k) => [self.parts[self.part].constants[k as usize].0; LANES],
             Mem::Slot(k) => self.slots[k as usize],
             Mem::Call(k) => self.calls[k as usize],
+            Mem::Passed(function, k) => self.passed[function as usize][k as usize],
+            Mem::Tape(k) => self.tape[k as usize],
             Mem::Row(place) => self.arrays[place.array as usize][place.row as usize],
         }
     }
@@ -41,6 +51,8 @@ impl Processor<'_> {
             Mem::Constant(_) => panic!("a constant is written"),
             Mem::Slot(k) => self.slots[k as usize] = value,
             Mem::Call(k) => self.calls[k as usize] = value,
+            Mem::Passed(function, k) => self.passed[function as usize][k as usize] = value,
+            Mem::Tape(k) => self.tape[k as usize] = value,
             Mem::Row(place) => self.arrays[place.array as usize][place.row as usize] = value,
         }
     }
@@ -100,9 +112,9 @@ impl Processor<'_> {
         }
     }
 
-    fn step(&mut self, instruction: &Instruction, callees: &[(Callee, usize)]) {
+    fn step(&mut self, instruction: &Instruction) {
         use Instruction::{
-            Blend, BlendBy, Call, Compare, CompareInto, Down, Flip, Load, Move, Sqrt, Store, Test, Two, Up, Where,
+            Blend, BlendBy, Call, Compare, CompareInto, Down, Flip, Invoke, Load, Move, Sqrt, Store, Test, Two, Up, Where,
         };
         let width = if self.element == Element::F32 { u64::from(u32::MAX) } else { u64::MAX };
         match *instruction {
@@ -172,14 +184,45 @@ impl Processor<'_> {
                 let top = width ^ (width >> 1);
                 self.registers[d as usize] = std::array::from_fn(|l| if by[l] & top != 0 { yes[l] } else { no[l] });
             }
-            Call { number } => self.call(&callees[number as usize]),
+            Call { number } => self.call(&self.callees[self.part][number as usize]),
+            Invoke { function, tape } => self.invoke(function as usize, tape),
         }
     }
 
-    /// All registers are lost.
-    fn call(&mut self, (callee, n_operand): &(Callee, usize)) {
+    /// The program, or one of its functions behind it.
+    fn run(&mut self, part: usize) {
+        self.part = part;
+        self.slots = vec![[0xBAD; LANES]; self.parts[part].n_slot];
+        self.parts[part].instructions.iter().for_each(|instruction| self.step(instruction));
+    }
+
+    /// A function works on a copy of its tape.
+    fn invoke(&mut self, function: usize, at: Option<TapeAt>) {
+        let n = self.tapes[function];
+        let (part, slots, tape) = (self.part, std::mem::take(&mut self.slots), std::mem::take(&mut self.tape));
+        match at {
+            Some(TapeAt::Slot(first)) => self.tape.extend(&slots[first as usize..first as usize + n]),
+            Some(TapeAt::Own(first)) => self.tape.extend(&tape[first as usize..first as usize + n]),
+            None => {}
+        }
+        self.run(function + 1);
+        (self.part, self.slots) = (part, slots);
+        let written = std::mem::replace(&mut self.tape, tape);
+        match at {
+            Some(TapeAt::Slot(first)) => self.slots[first as usize..first as usize + n].copy_from_slice(&written),
+            Some(TapeAt::Own(first)) => self.tape[first as usize..first as usize + n].copy_from_slice(&written),
+            None => {}
+        }
+        self.lose_registers();
+    }
+
+    fn lose_registers(&mut self) {
         self.registers = [[0xDEAD_BEEF; LANES]; 32];
         self.masks = [[true; LANES]; 8];
+    }
+
+    fn call(&mut self, (callee, n_operand): &(Callee, usize)) {
+        self.lose_registers();
         for l in 0..LANES {
             let x: Vec<f64> = (0..*n_operand).map(|k| self.number(self.calls[k][l])).collect();
             let mut y = vec![0.0; callee.n_output()];
@@ -190,6 +233,7 @@ impl Processor<'_> {
                 Callee::Elementary(Op::Ln) => y[0] = x[0].ln(),
                 Callee::Elementary(Op::Tanh) => y[0] = x[0].tanh(),
                 Callee::Elementary(_) => y[0] = x[0].atan2(x[1]),
+                Callee::Function(..) => panic!("a function is no call"),
             }
             for (k, y) in y.iter().enumerate() {
                 self.calls[k][l] = match self.element {
@@ -202,29 +246,30 @@ impl Processor<'_> {
 }
 
 /// What allocated code makes of arrays.
-fn simulate(
-    form: &ValueForm,
-    element: Element,
-    layout: &Layout,
-    target: Target,
-    arrays: &mut Vec<Vec<Register>>,
-) -> Allocated {
+fn simulate(form: &ValueForm, element: Element, layout: &Layout, target: Target, arrays: &mut Vec<Vec<Register>>) {
     let mut lowered = lower(form, element).unwrap();
-    let allocated = allocate(&mut lowered, layout, target);
-    let callees: Vec<_> = lowered.calls.iter().map(|site| (site.callee.clone(), site.operands.len())).collect();
-    let n_call = callees.iter().map(|(callee, n)| callee.n_output().max(*n)).max().unwrap_or(0);
+    let parts = allocate(&mut lowered, layout, target);
+    let callee = |site: &CallSite| (site.callee.clone(), site.operands.len());
+    let callees: Vec<Vec<_>> = lowered.iter().map(|part| part.calls.iter().map(callee).collect()).collect();
+    let n_call = callees.iter().flatten().map(|(callee, n)| callee.n_output().max(*n)).max().unwrap_or(0);
+    let passed = lowered[1..].iter().map(|part| vec![[0xBAD; LANES]; part.n_passed()]).collect();
+    let tapes: Vec<usize> = lowered[1..].iter().map(|part| part.tape.n_input() + part.tape.n_result()).collect();
     let mut processor = Processor {
         element,
         registers: [[0xBAD; LANES]; 32],
         masks: [[true; LANES]; 8],
-        pool: &allocated.pool,
-        slots: vec![[0xBAD; LANES]; allocated.n_slot],
+        part: 0,
+        slots: Vec::new(),
         calls: vec![[0xBAD; LANES]; n_call],
         arrays: std::mem::take(arrays),
+        passed,
+        tape: Vec::new(),
+        tapes: &tapes,
+        parts: &parts,
+        callees: &callees,
     };
-    allocated.instructions.iter().for_each(|instruction| processor.step(instruction, &callees));
+    processor.run(0);
     *arrays = processor.arrays;
-    allocated
 }
 
 const TARGETS: [(&str, Target); 4] = [
@@ -235,7 +280,7 @@ const TARGETS: [(&str, Target); 4] = [
 ];
 
 fn compare_simulated(seed: u64, name: &str, element: Element, target: Target) {
-    let program = Program::of_form(random_form(seed), false);
+    let program = Program::of_calls(random_form(seed));
     let layout = random_layout(seed, program.n_input(), program.n_output());
     let mut r = draws(seed ^ 0xABCD);
     let mut any = || {

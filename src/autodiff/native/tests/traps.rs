@@ -1,8 +1,10 @@
 //! What went wrong once, or would.
 
-use super::super::allocate::{Instruction as Placed, Target, allocate};
+use super::super::allocate::{Allocated, Instruction as Placed, TapeAt, Target, allocate};
 use super::super::lower::{Do, Element, lower};
 use super::*;
+use crate::autodiff::scalar::Scalar;
+use crate::autodiff::trace::{Recording, Trace};
 
 fn step(first: u32, op: Op, operands: [u32; 4]) -> Instruction {
     Instruction { action: Action::Op(op, operands.map(Value)), first: Value(first) }
@@ -18,6 +20,7 @@ fn form(n_input: usize, constants: &[f64], instructions: Vec<Instruction>, resul
         calls: vec![],
         results: results.iter().map(|k| Value(*k)).collect(),
         n_value,
+        tape: Tape::None,
     }
 }
 
@@ -57,7 +60,7 @@ fn minima_and_maxima_found_in_selections_keep_what_a_nan_and_a_tie_give() {
     // a where a < b, else b; b where a < b, else a; and both the other way round, which are no minimum and no maximum
     let choices = [[0, 1, 0, 1], [0, 1, 1, 0], [0, 1, 0, 0], [0, 1, 1, 1]];
     let made = form(2, &[], choices.iter().zip(2..).map(|(o, k)| step(k, Op::SelectLess, *o)).collect(), &[2, 3, 4, 5]);
-    let kinds: Vec<Do> = lower(&made, Element::F64).unwrap().steps.iter().map(|step| step.what).collect();
+    let kinds: Vec<Do> = lower(&made, Element::F64).unwrap()[0].steps.iter().map(|step| step.what).collect();
     assert!(kinds.starts_with(&[Do::Min, Do::Max]), "{kinds:?}");
     let program = Program::of_form(made, false);
     let executable = Executable::<f64>::new(&program, Layout::apart(2, 4)).unwrap();
@@ -78,7 +81,7 @@ fn a_comparison_is_made_once_for_all_its_selections_until_a_call() {
         form.n_value += 8;
         let mut lowered = lower(&form, Element::F64).unwrap();
         let allocated = allocate(&mut lowered, &Layout::apart(4, 2), target);
-        allocated.instructions.iter().filter(|i| matches!(i, Placed::Compare { .. })).count()
+        allocated[0].instructions.iter().filter(|i| matches!(i, Placed::Compare { .. })).count()
     };
     let first = step(4, Op::SelectLess, [0, 1, 2, 3]);
     assert_eq!(compares(vec![first, step(5, Op::SelectLess, [0, 1, 4, 3])]), 1);
@@ -92,14 +95,14 @@ fn a_comparison_is_made_once_for_all_its_selections_until_a_call() {
 #[test]
 fn equal_terms_are_computed_once_and_what_nobody_reads_not_at_all() {
     let lowered =
-        |instructions, results: &[u32]| lower(&form(2, &[], instructions, results), Element::F32).unwrap().steps.len();
+        |instructions, results: &[u32]| lower(&form(2, &[], instructions, results), Element::F32).unwrap()[0].steps.len();
     let (sum, again) = (step(2, Op::Recip, [0, 0, 0, 0]), step(3, Op::Recip, [0, 0, 0, 0]));
     assert_eq!(lowered(vec![sum, again], &[2, 3]), 1);
     let mut sines = form(1, &[], vec![step(1, Op::SinCos, [0, 0, 0, 0])], &[1, 2]);
     sines.n_value = 3;
-    let both = lower(&sines, Element::F32).unwrap().steps.len();
+    let both = lower(&sines, Element::F32).unwrap()[0].steps.len();
     sines.results.pop();
-    let one = lower(&sines, Element::F32).unwrap().steps.len();
+    let one = lower(&sines, Element::F32).unwrap()[0].steps.len();
     assert!(one < both, "a sine alone: {one} of {both} steps");
 }
 
@@ -128,4 +131,52 @@ fn more_values_alive_than_a_u16_names_are_programs_too() {
     program.evaluate(&mut program.interpreter_workspace(), &[1.0], &mut interpreted);
     let sum: f64 = (1..=f64::from(n) as u64).map(|k| (k + 1) as f64).sum::<f64>() + 1.0;
     assert_eq!((native, interpreted), ([sum], [sum]));
+}
+
+/// The allocated parts of a program for AVX2.
+fn parts(form: &ValueForm) -> Vec<Allocated> {
+    let target = Target { n_register: 16, has_masks: false, is_single: false };
+    let mut lowered = lower(form, Element::F32).unwrap();
+    allocate(&mut lowered, &Layout::apart(form.n_input(), form.results().len()), target)
+}
+
+#[test]
+fn random_programs_pass_tapes_in_every_way() {
+    let (mut own, mut slots) = (0, 0);
+    for instruction in (0..2000).flat_map(|seed| parts(&random_form(seed))).flat_map(|part| part.instructions) {
+        match instruction {
+            Placed::Invoke { tape: Some(TapeAt::Own(_)), .. } => own += 1,
+            Placed::Invoke { tape: Some(TapeAt::Slot(_)), .. } => slots += 1,
+            _ => {}
+        }
+    }
+    println!("{own} on tapes of callers, {slots} in slots");
+    assert!(own > 20 && slots > 200, "{own} on tapes of callers, {slots} in slots");
+}
+
+#[test]
+fn an_adjoint_reads_its_tape_where_the_function_has_left_it() {
+    // twice five stages of sixty sines: functions in functions
+    let recording = Recording::of(2, |x| {
+        let mut state = x.to_vec();
+        for _ in 0..2 {
+            Trace::function(&mut state, |state| {
+                for _ in 0..5 {
+                    Trace::function(state, |state| {
+                        for k in 0..60 {
+                            state[k % 2] = (state[0] * state[1]).sin_cos().0 + state[k % 2];
+                        }
+                    });
+                }
+            });
+        }
+        state
+    });
+    let program = Program::compile(&recording.adjoint(0..2)).unwrap();
+    let n_tape = program.value_form().functions().iter().map(|function| function.tape.n_result()).max().unwrap();
+    let parts = parts(program.value_form());
+    let sizes: Vec<usize> = parts.iter().map(|part| part.instructions.len()).collect();
+    println!("tape of {n_tape}, instructions of the program and its functions: {sizes:?}");
+    // the program and the two outer functions move arguments and results alone
+    assert!(n_tape > 500 && sizes.iter().filter(|n| **n < 100).count() == 3, "{n_tape}, {sizes:?}");
 }
