@@ -157,10 +157,12 @@ impl System for Fleet {
             let member = &self.members[i];
             let (n, m) = (member.n_state(), member.n_input());
             let (x, u) = (&state[at..at + n], &input[from..from + m]);
+            S::begin_function();
             match &self.downwash {
                 Some(wake) => member.step_pushed(x, u, self.push(wake, i, at, state), &mut next[at..at + n]),
                 None => member.step(x, u, &[], &mut next[at..at + n]),
             }
+            S::end_function(&mut next[at..at + n]);
             (at, from) = (at + n, from + m);
         }
     }

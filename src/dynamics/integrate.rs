@@ -5,6 +5,7 @@
 
 use super::rigid::{Disturbance, Effects, Motion, RigidModel, RigidState, RotorPath, full, symmetric_times};
 use super::spatial::*;
+use super::vehicle::MAX_ROTORS;
 use crate::autodiff::Scalar;
 use serde::{Deserialize, Serialize};
 
@@ -46,14 +47,61 @@ pub fn step<S: Scalar, const R: usize>(
     let mut motion = model.center_of_mass_motion(x);
     let mut speed = x.rotor_speed;
     for _ in 0..grid.substeps {
+        S::begin_function();
         let path = model.rotor_path(speed, target);
         motion = match grid.integrator {
             Integrator::RungeKutta4 => runge_kutta_4(model, effects, grid.substep, &motion, &path, air),
             Integrator::SemiImplicit => semi_implicit(model, effects, grid.substep, &motion, &path, air),
         };
         speed = path.end;
+        end_substep(&mut motion, &mut speed);
     }
     model.base_origin_state(&motion, speed)
+}
+
+/// What a recorded substep gives: motion and rotor speeds.
+#[inline(always)]
+fn end_substep<S: Scalar, const R: usize>(m: &mut Motion<S>, speed: &mut [S; R]) {
+    const { assert!(R <= MAX_ROTORS) };
+    let mut all = [S::zero(); 13 + MAX_ROTORS];
+    write_motion([m.position, m.velocity, m.angular_velocity], m.attitude, &mut all);
+    for r in 0..R {
+        all[13 + r] = speed[r];
+    }
+    S::end_function(&mut all[..13 + R]);
+    let ([position, velocity, angular_velocity], attitude) = read_motion(&all);
+    *m = Motion { position, velocity, attitude, angular_velocity };
+    for r in 0..R {
+        speed[r] = all[13 + r];
+    }
+}
+
+/// What a recorded stage gives.
+#[inline(always)]
+fn end_stage<S: Scalar>(k: &mut Rate<S>) {
+    let mut all = [S::zero(); 13];
+    write_motion([k.position, k.velocity, k.angular_velocity], k.attitude, &mut all);
+    S::end_function(&mut all);
+    let ([position, velocity, angular_velocity], attitude) = read_motion(&all);
+    *k = Rate { position, velocity, attitude, angular_velocity };
+}
+
+#[inline(always)]
+fn write_motion<S: Scalar>(vectors: [Vec3<S>; 3], attitude: Quat<S>, all: &mut [S]) {
+    for i in 0..3 {
+        for k in 0..3 {
+            all[3 * i + k] = vectors[i][k];
+        }
+    }
+    for k in 0..4 {
+        all[9 + k] = attitude[k];
+    }
+}
+
+#[inline(always)]
+fn read_motion<S: Scalar>(all: &[S]) -> ([Vec3<S>; 3], Quat<S>) {
+    let vectors = [[all[0], all[1], all[2]], [all[3], all[4], all[5]], [all[6], all[7], all[8]]];
+    (vectors, [all[9], all[10], all[11], all[12]])
 }
 
 /// d/dt of a motion.
@@ -118,7 +166,9 @@ fn runge_kutta_4<S: Scalar, const R: usize>(
     // a loop, not four copies: a quarter of the code to compile and to keep in the instruction cache
     for stage in 0..4 {
         let at = moved(m, S::constant(advance[stage]), &k);
+        S::begin_function();
         k = rate(model, effects, &at, speeds[stage], path, air);
+        end_stage(&mut k);
         end = moved(&end, S::constant(weight[stage]), &k);
     }
     end.attitude = unit(end.attitude);

@@ -51,11 +51,18 @@ pub(crate) fn run<S: Scalar, P: ParameterView<S>>(t: &Topology, numbers: P, task
     let sticks = t.sticks && task != Task::Derivative;
     let begin = if (t.holds_torque || sticks) && task != Task::Derivative { SAMPLE } else { FIRST };
     loads::prepare_rotors(t, numbers, s.input, s.rotors);
+    let is_step = task != Task::Derivative;
     for _ in 0..substeps {
+        if is_step {
+            S::begin_function();
+        }
         loads::start_rotors(t, numbers, h, s.end, s.rotors);
         for k in 0..t.n_state {
             s.start[k] = s.end[k];
             s.at[k] = s.end[k];
+        }
+        for r in 0..t.n_rotor() {
+            s.rate[t.rotor_speed[r]] = S::zero();
         }
         for stage in begin..FIRST + n_stage {
             if (semi_implicit || !t.holds_torque) && stage == SETTLE {
@@ -74,15 +81,21 @@ pub(crate) fn run<S: Scalar, P: ParameterView<S>>(t: &Topology, numbers: P, task
                 Task::Step(_) if stage == SAMPLE => Pass { implicit: 0.0, drives: Drives::Sampled(h), friction },
                 Task::Step(_) => Pass { implicit: if semi_implicit { h } else { 0.0 }, drives: Drives::Held, friction },
             };
-            // up to the first stage the state stays as it was
-            if stage == begin || stage > FIRST {
-                forward(t, numbers, s.at, s.bodies);
-            }
             if stage == begin {
+                forward(t, numbers, s.at, s.bodies);
                 wakes::hold(t, s.bodies, s.rotors);
+            }
+            // up to the first stage the state stays as it was, and what was made of it is used again
+            let is_function = is_step && stage > FIRST;
+            if is_function {
+                S::begin_function();
+                forward(t, numbers, s.at, s.bodies);
             }
             loads::apply(t, numbers, s.input, friction, s.bodies, s.rotors);
             accelerate(t, numbers, s.at, s.input, pass, s.bodies, s.rate);
+            if is_function {
+                S::end_function(&mut s.rate[..t.n_state]);
+            }
             if sticks && stage == SAMPLE {
                 contact_loads::settle(t, numbers, h, s.bodies);
             }
@@ -99,6 +112,9 @@ pub(crate) fn run<S: Scalar, P: ParameterView<S>>(t: &Topology, numbers: P, task
             rotor_rates(t, s);
         } else {
             finish(t, s);
+        }
+        if is_step {
+            S::end_function(&mut s.end[..t.n_state]);
         }
     }
 }
@@ -131,9 +147,6 @@ fn runge_kutta_stage<S: Scalar>(t: &Topology, stage: usize, h: f64, s: &mut Scra
     let ahead = [0.5 * h, 0.5 * h, h, 0.0];
     if stage == 0 || stage == 2 {
         loads::advance_rotors(t, s.rotors);
-    }
-    for r in 0..t.n_rotor() {
-        s.rate[t.rotor_speed[r]] = S::zero();
     }
     let (w, a) = (S::constant(weight[stage]), S::constant(ahead[stage]));
     for k in 0..t.n_state {

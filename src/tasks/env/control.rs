@@ -258,11 +258,13 @@ impl Control {
                 }
                 Some(model) => {
                     let model = CascadeModel::<S, MAX_SLOTS>::constant(model);
-                    let before = Latched::read(&held[..LATCHED_PER_AGENT]);
-                    let new = self.compute(&model, step, &frame, [own[0], own[1], own[2], own[3]], &before);
-                    new.write(&mut held[..LATCHED_PER_AGENT]);
+                    S::function(held, |held| {
+                        let before = Latched::read(held);
+                        self.compute(&model, step, &frame, [own[0], own[1], own[2], own[3]], &before).write(held);
+                    });
+                    let rotors = Latched::<S, MAX_SLOTS>::read(held).rotors;
                     for (k, place) in self.inputs[agent].iter().enumerate() {
-                        out[*place] = new.rotors[k];
+                        out[*place] = rotors[k];
                     }
                 }
             }
