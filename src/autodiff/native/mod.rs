@@ -3,7 +3,7 @@
 //! | file | what |
 //! |---|---|
 //! | `lower` | operations of a program to those of a processor |
-//! | `allocate` | registers, by furthest next use |
+//! | `instruction`, `allocate` | what a processor does, with registers by furthest next use |
 //! | `x86` | the encoder |
 //! | `memory` | executable memory, and the call into it |
 //! | [`layout`](Layout) | where arguments and results lie |
@@ -23,6 +23,8 @@ mod allocate;
 #[cfg(all(target_arch = "x86_64", target_os = "linux", not(miri)))]
 mod code;
 mod executable;
+#[cfg(all(target_arch = "x86_64", target_os = "linux", not(miri)))]
+mod instruction;
 #[cfg(all(target_arch = "x86_64", target_os = "linux", not(miri)))]
 mod memory;
 #[cfg(all(target_arch = "x86_64", target_os = "linux", not(miri)))]

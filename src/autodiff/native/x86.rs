@@ -3,7 +3,7 @@
 //! Forms after Intel, Software Developer's Manual, volume 2, chapter 2. What is promised: no instruction outside those sets, no
 //! register of the caller's changed that the System V convention keeps, no change of MXCSR, `vzeroupper` before every call and return.
 
-use super::allocate::{Allocated, Form, Fused, Instruction, Mem, Reg, Relation, Rm, TapeAt, Target};
+use super::instruction::*;
 use super::layout::{Layout, MAX_ARRAYS};
 use super::lower::{Do, Element};
 use super::memory::frame;
@@ -474,7 +474,8 @@ impl Encoder<'_> {
         let slot = |k: usize| (k * shape.width) as i32 - shape.slot_bias() as i32;
         let (base, displacement, is_broadcast) = match m {
             Mem::Constant(k) => {
-                let at = (self.constants[k as usize] as usize * shape.constant_size()) as i32 - shape.constant_bias() as i32;
+                let at =
+                    (self.constants[k as usize] as usize * shape.constant_size()) as i32 - shape.constant_bias() as i32;
                 (CONSTANTS, at, shape.is_evex && !shape.is_single())
             }
             Mem::Call(k) => (SLOTS, slot(k as usize), false),

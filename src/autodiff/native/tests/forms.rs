@@ -1,7 +1,7 @@
 //! Every form of every instruction, as bytes and as text. `forms.txt` holds both; a disassembler that knows nothing of the encoder
 //! reads the bytes back (`.ci/nightly`).
 
-use super::super::allocate::{Allocated, Form, Fused, Instruction, Mem, Reg, Relation, Rm, TapeAt};
+use super::super::instruction::{Allocated, Form, Fused, Instruction, Mem, Reg, Relation, Rm, TapeAt};
 use super::super::lower::{Do, Element};
 use super::super::x86::{Shape, encode};
 use super::*;
@@ -183,7 +183,8 @@ impl Text {
 
     fn of(&self, instruction: &Instruction) -> String {
         use Instruction::{
-            Blend, BlendBy, Call, Compare, CompareInto, Down, Flip, Invoke, Load, Move, Sqrt, Store, Test, Two, Up, Where,
+            Blend, BlendBy, Call, Compare, CompareInto, Down, Flip, Invoke, Load, Move, Sqrt, Store, Test, Two, Up,
+            Where,
         };
         let shape = self.0;
         let (is_f32, is_single) = (shape.element == Element::F32, shape.width == 8);
@@ -274,7 +275,8 @@ fn whole(shape: Shape) -> Vec<String> {
     let lines = |text: &str| text.lines().map(String::from).collect::<Vec<_>>();
     let (room, give) = ("sub rsp,0x8", "add rsp,0x8");
     let row = |k: usize| format!("{:#x}", k * shape.width);
-    let mut text = [both().to_vec(), all().collect(), lines(&format!("lea rdx,[rcx+{}]\ncall +0", row(2 + 1)))].concat();
+    let mut text =
+        [both().to_vec(), all().collect(), lines(&format!("lea rdx,[rcx+{}]\ncall +0", row(2 + 1)))].concat();
     text.extend(all());
     if shape.width > 8 {
         text.extend(arrays().map(|(_, at)| format!("add QWORD PTR [rdi+{at:#x}],{:#x}", shape.width)));

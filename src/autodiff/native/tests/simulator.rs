@@ -1,6 +1,7 @@
 //! A processor in plain Rust: what allocated instructions compute, whatever this processor has.
 
-use super::super::allocate::{Allocated, Form, Fused, Instruction, Mem, Reg, Relation, Rm, TapeAt, Target, allocate};
+use super::super::allocate::allocate;
+use super::super::instruction::{Allocated, Form, Fused, Instruction, Mem, Reg, Relation, Rm, TapeAt, Target};
 use super::super::lower::{CallSite, Callee, Do, Element, lower};
 use super::*;
 
@@ -114,7 +115,8 @@ impl Processor<'_> {
 
     fn step(&mut self, instruction: &Instruction) {
         use Instruction::{
-            Blend, BlendBy, Call, Compare, CompareInto, Down, Flip, Invoke, Load, Move, Sqrt, Store, Test, Two, Up, Where,
+            Blend, BlendBy, Call, Compare, CompareInto, Down, Flip, Invoke, Load, Move, Sqrt, Store, Test, Two, Up,
+            Where,
         };
         let width = if self.element == Element::F32 { u64::from(u32::MAX) } else { u64::MAX };
         match *instruction {

@@ -1,6 +1,7 @@
 //! What went wrong once, or would.
 
-use super::super::allocate::{Allocated, Instruction as Placed, TapeAt, Target, allocate};
+use super::super::allocate::allocate;
+use super::super::instruction::{Allocated, Instruction as Placed, TapeAt, Target};
 use super::super::lower::{Do, Element, lower};
 use super::*;
 use crate::autodiff::scalar::Scalar;
@@ -94,8 +95,9 @@ fn a_comparison_is_made_once_for_all_its_selections_until_a_call() {
 
 #[test]
 fn equal_terms_are_computed_once_and_what_nobody_reads_not_at_all() {
-    let lowered =
-        |instructions, results: &[u32]| lower(&form(2, &[], instructions, results), Element::F32).unwrap()[0].steps.len();
+    let lowered = |instructions, results: &[u32]| {
+        lower(&form(2, &[], instructions, results), Element::F32).unwrap()[0].steps.len()
+    };
     let (sum, again) = (step(2, Op::Recip, [0, 0, 0, 0]), step(3, Op::Recip, [0, 0, 0, 0]));
     assert_eq!(lowered(vec![sum, again], &[2, 3]), 1);
     let mut sines = form(1, &[], vec![step(1, Op::SinCos, [0, 0, 0, 0])], &[1, 2]);
