@@ -70,6 +70,79 @@ pub trait CustomFunction: Send + Sync + 'static {
     fn forward(&self, x: &[f64], dx: &[f64], dy: &mut [f64]);
     /// `x_bar` = J(`x`)ᵀ `y_bar`.
     fn reverse(&self, x: &[f64], y_bar: &[f64], x_bar: &mut [f64]);
+
+    /// [`value`](Self::value) at points side by side, as blocks of environments have them. Here one by one; a function that answers
+    /// many at once for less overrides it. The answer at a point may not depend on the other points.
+    fn value_block(&self, points: &mut Points<'_>) {
+        points.each(self.n_input(), |x, y| self.value(x, y));
+    }
+
+    /// [`reverse`](Self::reverse) at points side by side, arguments x and ȳ, one behind the other; as
+    /// [`value_block`](Self::value_block).
+    fn reverse_block(&self, points: &mut Points<'_>) {
+        let n = self.n_input();
+        points.each(n + self.n_output(), |z, x_bar| {
+            reverse_at(z, n, x_bar, |x, y_bar, x_bar| self.reverse(x, y_bar, x_bar))
+        });
+    }
+}
+
+/// Points side by side at which a function is evaluated: `f32` in, `f64` for the function, `f32` out.
+///
+/// Number k of point l stands at `k · width + l`. Points behind the first `n` are padding.
+#[derive(Debug)]
+pub struct Points<'a> {
+    width: usize,
+    n: usize,
+    arguments: &'a [f32],
+    results: &'a mut [f32],
+}
+
+impl<'a> Points<'a> {
+    /// # Panics
+    /// If rows are not of `width` or `n` is more than that.
+    pub(crate) fn new(width: usize, n: usize, arguments: &'a [f32], results: &'a mut [f32]) -> Self {
+        assert!(
+            n <= width && arguments.len().is_multiple_of(width) && results.len().is_multiple_of(width),
+            "rows of points"
+        );
+        Self { width, n, arguments, results }
+    }
+
+    /// How many.
+    pub fn len(&self) -> usize {
+        self.n
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.n == 0
+    }
+
+    /// Argument `k` of every point.
+    ///
+    /// # Panics
+    /// If there is no such argument.
+    pub fn argument(&self, k: usize) -> &[f32] {
+        &self.arguments[k * self.width..][..self.n]
+    }
+
+    /// Calls `f` with arguments and results of one point after the other, `n_argument` numbers of a point.
+    pub fn each(&mut self, n_argument: usize, mut f: impl FnMut(&[f64], &mut [f64])) {
+        let Self { width, n, arguments, results } = self;
+        let (width, n_result) = (*width, results.len() / *width);
+        let mut scratch = Scratch::<f64, 256>::new();
+        let (x, y) = scratch.of(n_argument + n_result).split_at_mut(n_argument);
+        for point in 0..*n {
+            for k in 0..n_argument {
+                x[k] = f64::from(arguments[k * width + point]);
+            }
+            f(x, y);
+            for k in 0..n_result {
+                results[k * width + point] = y[k] as f32;
+            }
+        }
+    }
 }
 
 /// A custom function that any scalar can call. Clones are the same operation; two made apart are two, also of equal
@@ -130,18 +203,8 @@ impl Operation {
     /// The value for each of `width` lanes: `rows` holds the inputs, then the outputs, `width` numbers each.
     #[inline(never)]
     pub(crate) fn call_rows(&self, width: usize, rows: &mut [f32]) {
-        let (n, m) = (self.n_input(), self.n_output());
-        let mut scratch = Scratch::<f64, 256>::new();
-        let (x, y) = scratch.of(n + m).split_at_mut(n);
-        for lane in 0..width {
-            for k in 0..n {
-                x[k] = f64::from(rows[k * width + lane]);
-            }
-            self.function().value(x, y);
-            for k in 0..m {
-                rows[(n + k) * width + lane] = y[k] as f32;
-            }
-        }
+        let (inputs, outputs) = rows.split_at_mut(self.n_input() * width);
+        self.function().value_block(&mut Points::new(width, width, inputs, outputs));
     }
 }
 
@@ -185,6 +248,12 @@ pub(crate) fn forward(function: &dyn CustomFunction, x: &[f64], dx: &[f64], dy: 
 /// Jᵀ ȳ, without a call where ȳ = 0.
 fn reverse(function: &dyn CustomFunction, x: &[f64], y_bar: &[f64], x_bar: &mut [f64]) {
     if moves(y_bar) { function.reverse(x, y_bar, x_bar) } else { x_bar.fill(0.0) }
+}
+
+/// Likewise, of x and ȳ one behind the other.
+pub(crate) fn reverse_at(z: &[f64], n: usize, x_bar: &mut [f64], f: impl FnOnce(&[f64], &[f64], &mut [f64])) {
+    let (x, y_bar) = z.split_at(n);
+    if moves(y_bar) { f(x, y_bar, x_bar) } else { x_bar.fill(0.0) }
 }
 
 /// What the unknown second derivative along two directions contributes: nothing if either is zero.
@@ -232,6 +301,9 @@ impl CustomFunction for Adjoint {
     fn value(&self, z: &[f64], x_bar: &mut [f64]) {
         let (x, y_bar) = z.split_at(self.0.n_input());
         reverse(&*self.0, x, y_bar, x_bar);
+    }
+    fn value_block(&self, points: &mut Points<'_>) {
+        self.0.reverse_block(points);
     }
     fn forward(&self, z: &[f64], dz: &[f64], dx_bar: &mut [f64]) {
         let n = self.0.n_input();

@@ -43,7 +43,7 @@ pub(crate) mod unrolled;
 
 pub use batch_rollout::{BatchGradient, BatchRollout};
 pub use certificate::{Bounds, Certificate, certify};
-pub use custom::{CustomFunction, Operation};
+pub use custom::{CustomFunction, Operation, Points};
 pub use derivative::{CompiledJacobian, JacobianScratch, Linearisation, jacobian, linearise};
 pub use jet::Jet;
 pub use lanes::{instruction_set, lane_width};

@@ -163,7 +163,7 @@ impl Workspace {
 #[derive(Debug, Clone)]
 pub struct BlockWorkspace {
     slots: Columns,
-    scratch: Vec<f64>,
+    scratch: Vec<[f32; BLOCK]>,
     /// Where there is machine code; the others are empty then.
     native: Option<NativeSlots>,
 }
@@ -347,18 +347,22 @@ impl Program {
                 slots[slot as usize] = [value as f32; BLOCK];
             }
         });
-        BlockWorkspace { slots, scratch: self.scratch(), native: None }
+        BlockWorkspace { slots, scratch: vec![[0.0; BLOCK]; self.n_scratch()], native: None }
+    }
+
+    fn scratch(&self) -> Vec<f64> {
+        vec![0.0; self.n_scratch()]
     }
 
     /// Arguments and results of one call at a time.
-    fn scratch(&self) -> Vec<f64> {
+    fn n_scratch(&self) -> usize {
         let Interpreter { body, functions, .. } = self.interpreter();
         let calls = functions.iter().chain([body]).flat_map(|body| &body.calls);
         let sizes = calls.map(|call| match &call.called {
             Called::Custom(operation) => operation.n_input() + operation.n_output(),
             Called::Function(_) => 0,
         });
-        vec![0.0; sizes.max().unwrap_or(0)]
+        sizes.max().unwrap_or(0)
     }
 
     /// `outputs = f(inputs)` in `f64`, with the same operations in the same order as the recorded function.

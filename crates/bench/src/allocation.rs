@@ -1,9 +1,13 @@
 //! Allocation: the fast paths beside clarabel's own solve of the same problem, and what derivatives cost.
 
 use super::{BenchPlan, BenchRow, seconds};
+use omnidrones::autodiff::program::BLOCK;
+use omnidrones::autodiff::{Program, Recording, Scalar, Trace};
 use omnidrones::controllers::allocation::conic::Conic;
 use omnidrones::controllers::allocation::problem::balanced_weights;
-use omnidrones::controllers::allocation::{Allocator, BatchAllocator, Cone, Problem, Settings, Solver, Variation};
+use omnidrones::controllers::allocation::{
+    AllocationFunction, Allocator, BatchAllocator, Cone, Problem, Settings, Solver, Variation,
+};
 use omnidrones::dynamics::vehicles;
 use omnidrones::error::Result;
 use omnidrones::parallel::Threads;
@@ -22,6 +26,7 @@ pub(super) fn run(plan: &BenchPlan, add: &mut dyn FnMut(BenchRow)) -> Result<()>
     add(row("box, 12 rotors: clarabel alone", conic * 1e6, "µs", None));
     boxes(plan, &problem, conic, add)?;
     lanes(plan, &problem, conic, add)?;
+    recorded(plan, &problem, conic, add)?;
     cones(plan, add)
 }
 
@@ -123,6 +128,32 @@ fn lanes(plan: &BenchPlan, problem: &Problem, conic: f64, add: &mut dyn FnMut(Be
             black_box(batch.solve(&sequence[k], &mut inputs));
         }) / LANES as f64;
         add(row(name, 1e-6 / each, "M/s", Some(conic / each)));
+    }
+    Ok(())
+}
+
+/// Calls of a recorded loop, over blocks of environments.
+fn recorded(plan: &BenchPlan, problem: &Problem, conic: f64, add: &mut dyn FnMut(BenchRow)) -> Result<()> {
+    let function = AllocationFunction::new(problem.clone())?;
+    let recording = Recording::of(6, |wrench| {
+        let mut inputs = vec![Trace::zero(); problem.n_input()];
+        function.call(problem, &std::array::from_fn(|k| wrench[k]), &mut inputs);
+        inputs
+    });
+    let program = Program::compile(&recording)?;
+    let (mut work, mut inputs) = (program.block_workspace(), vec![[0.0; BLOCK]; program.n_output()]);
+    for (name, spread) in [("closed form", 0.02), ("active set", 0.6)] {
+        let wrenches = ticks(problem, spread);
+        let block = |k: usize| -> Vec<[f32; BLOCK]> {
+            (0..6).map(|row| std::array::from_fn(|lane| wrenches[(k + lane) % TICKS][row] as f32)).collect()
+        };
+        let blocks: Vec<_> = (0..TICKS / BLOCK).map(|k| block(k * BLOCK)).collect();
+        let mut k = 0;
+        let each = seconds(plan.budget, || {
+            k = (k + 1) % blocks.len();
+            program.evaluate_block(&mut work, black_box(&blocks[k]), &mut inputs);
+        }) / BLOCK as f64;
+        add(row(&format!("called from a program, {name}"), each * 1e6, "µs", Some(each / conic)));
     }
     Ok(())
 }

@@ -8,7 +8,7 @@ use super::memory::{self, Needs, PerProcess};
 use super::x86::{Encoded, Shape, encode};
 use super::{MAX_STEPS, WhyInterpreted};
 use crate::autodiff::columns::Lines;
-use crate::autodiff::custom::{Operation, Scratch};
+use crate::autodiff::custom::{Operation, Points, Scratch};
 use crate::autodiff::lanes::instruction_set;
 use crate::autodiff::program::{Op, ValueForm};
 use std::collections::HashMap;
@@ -189,32 +189,26 @@ fn call_lanes(callee: &Callee, n_operand: usize, element: Element, lanes: usize,
         (Callee::Elementary(op), _) => elementary(*op, bytemuck::cast_slice_mut(rows), lanes, n),
         (Callee::Custom(operation), Element::F32) => {
             let rows: &mut [f32] = bytemuck::cast_slice_mut(rows);
-            custom(operation, n_operand, lanes, n, rows, f64::from, |y| y as f32);
+            let mut scratch = Scratch::<f32, 512>::new();
+            let results = scratch.of(operation.n_output() * lanes);
+            operation.function().value_block(&mut Points::new(lanes, n, &rows[..n_operand * lanes], results));
+            rows[..results.len()].copy_from_slice(results);
         }
-        (Callee::Custom(operation), Element::F64) => {
-            custom(operation, n_operand, lanes, n, bytemuck::cast_slice_mut(rows), |x| x, |y| y);
-        }
+        (Callee::Custom(operation), Element::F64) => custom(operation, lanes, n, bytemuck::cast_slice_mut(rows)),
         // called by the code itself
         (Callee::Function(..), _) => {}
     }
 }
 
-/// Lane by lane, through `f64`.
-fn custom<T: Copy>(
-    operation: &Operation,
-    n_operand: usize,
-    lanes: usize,
-    n: usize,
-    rows: &mut [T],
-    wide: impl Fn(T) -> f64,
-    narrow: impl Fn(f64) -> T,
-) {
+/// Lane by lane.
+fn custom(operation: &Operation, lanes: usize, n: usize, rows: &mut [f64]) {
+    let n_operand = operation.n_input();
     let mut scratch = Scratch::<f64, 256>::new();
     let (x, y) = scratch.of(n_operand + operation.n_output()).split_at_mut(n_operand);
     for lane in 0..n {
-        x.iter_mut().enumerate().for_each(|(k, x)| *x = wide(rows[k * lanes + lane]));
+        x.iter_mut().enumerate().for_each(|(k, x)| *x = rows[k * lanes + lane]);
         operation.function().value(x, y);
-        y.iter().enumerate().for_each(|(k, y)| rows[k * lanes + lane] = narrow(*y));
+        y.iter().enumerate().for_each(|(k, y)| rows[k * lanes + lane] = *y);
     }
 }
 

@@ -180,12 +180,7 @@ pub(super) fn lower(form: &ValueForm, element: Element) -> Option<Vec<Lowered>> 
     .collect()
 }
 
-fn lower_one(
-    form: &ValueForm,
-    functions: &[Arc<ValueForm>],
-    element: Element,
-    n_most: usize,
-) -> Option<Lowered> {
+fn lower_one(form: &ValueForm, functions: &[Arc<ValueForm>], element: Element, n_most: usize) -> Option<Lowered> {
     let lowered = Lowered {
         element,
         n_input: form.n_input(),

@@ -2,7 +2,7 @@
 
 use super::runs::{Run, Sum};
 use super::{BLOCK, BlockWorkspace, Body, Call, Called, Interpreter, Op, Placed, Program, apply};
-use crate::autodiff::custom::Operation;
+use crate::autodiff::custom::{Operation, Points};
 use crate::autodiff::lanes::{Kernel, Lanes};
 use std::cell::Cell;
 
@@ -40,7 +40,7 @@ fn run_body<L: Lanes>(
     body: &Body,
     n: usize,
     slots: &mut [[f32; BLOCK]],
-    scratch: &mut [f64],
+    scratch: &mut [[f32; BLOCK]],
 ) {
     for k in 0..body.runs.len() {
         let (runs, cells) = (&body.runs[k], Cell::from_mut(&mut *slots).as_slice_of_cells());
@@ -64,19 +64,24 @@ fn run_body<L: Lanes>(
 }
 
 impl Call {
-    /// A custom function, lane by lane; arguments are read before results are written.
+    /// A custom function; arguments are read before results are written.
     #[inline(never)]
-    fn run_block(&self, operation: &Operation, n_lane: usize, slots: &mut [[f32; BLOCK]], scratch: &mut [f64]) {
+    fn run_block(
+        &self,
+        operation: &Operation,
+        n_lane: usize,
+        slots: &mut [[f32; BLOCK]],
+        scratch: &mut [[f32; BLOCK]],
+    ) {
         let (n, m) = (self.inputs.len(), operation.n_output());
-        let (x, y) = scratch[..n + m].split_at_mut(n);
-        for lane in 0..n_lane {
-            for (x, slot) in x.iter_mut().zip(&self.inputs) {
-                *x = f64::from(slots[*slot as usize][lane]);
-            }
-            operation.function().value(x, y);
-            for &(slot, k) in &self.outputs {
-                slots[slot as usize][lane] = y[k as usize] as f32;
-            }
+        let (arguments, results) = scratch[..n + m].split_at_mut(n);
+        for (argument, slot) in arguments.iter_mut().zip(&self.inputs) {
+            *argument = slots[*slot as usize];
+        }
+        let results_flat = results.as_flattened_mut();
+        operation.function().value_block(&mut Points::new(BLOCK, n_lane, arguments.as_flattened(), results_flat));
+        for &(slot, k) in &self.outputs {
+            slots[slot as usize] = results[k as usize];
         }
     }
 }

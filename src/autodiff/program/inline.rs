@@ -85,7 +85,14 @@ impl<'a> Flat<'a> {
             n_value,
             tape: form.tape,
         };
-        let mut flat = Self { stays, form: own, constants, known: HashMap::new(), comparisons: HashMap::new(), called: HashMap::new() };
+        let mut flat = Self {
+            stays,
+            form: own,
+            constants,
+            known: HashMap::new(),
+            comparisons: HashMap::new(),
+            called: HashMap::new(),
+        };
         let inputs: Vec<Value> = (0..form.n_input as u32).map(Value).collect();
         flat.form.results = flat.add(form, &inputs);
         flat.form.without_dead()

@@ -44,7 +44,8 @@ pub(super) fn interpreter(form: &ValueForm, scheduled: bool) -> Interpreter {
     let called: Vec<Spread> = functions.iter().map(|function| spread(function)).collect();
     let neutral = Neutral::behind(n_slot);
     let functions = called.into_iter().map(|spread| spread.grouped(neutral)).collect();
-    let mut constants: Vec<(u32, f64)> = constants.into_iter().map(|(bits, slot)| (slot, f64::from_bits(bits))).collect();
+    let mut constants: Vec<(u32, f64)> =
+        constants.into_iter().map(|(bits, slot)| (slot, f64::from_bits(bits))).collect();
     constants.sort_by_key(|(slot, _)| *slot);
     Interpreter { n_slot: n_slot as usize, body: body.grouped(neutral), functions, neutral, constants }
 }

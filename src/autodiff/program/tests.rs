@@ -61,7 +61,11 @@ fn what_no_result_needs_is_dropped() {
     });
     assert!(recording.nodes.len() > 8);
     assert_eq!(ops(&program), [Op::Sub]);
-    assert_eq!((program.interpreter().body.inputs.len(), program.n_slot()), (2, 2), "not even the third input is loaded");
+    assert_eq!(
+        (program.interpreter().body.inputs.len(), program.n_slot()),
+        (2, 2),
+        "not even the third input is loaded"
+    );
     assert_eq!(run_f64(&program, &[5.0, 3.0, f64::NAN]), [2.0]);
 }
 

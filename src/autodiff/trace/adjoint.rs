@@ -107,7 +107,9 @@ impl Recording {
                 reads.push(read);
             }
         };
-        late.flat_map(|i| joint.nodes[i].operands(&joint.calls)).chain(joint.outputs.iter().copied()).for_each(&mut give);
+        late.flat_map(|i| joint.nodes[i].operands(&joint.calls))
+            .chain(joint.outputs.iter().copied())
+            .for_each(&mut give);
         // the tape comes last, in its order
         let n_own = self.outputs.len();
         let mut order: Vec<usize> = (0..reads.len()).collect();

@@ -276,13 +276,20 @@ impl Allocator {
         self.upper.copy_from_slice(&self.problem.upper);
         if let Some(fast) = &mut self.fast {
             fast.prepare(&self.problem);
+        }
+        self.forget();
+        Ok(())
+    }
+
+    /// Forgets what was solved: the next answer is that of a new allocator.
+    pub(super) fn forget(&mut self) {
+        if let Some(fast) = &mut self.fast {
             fast.warm = false;
         }
         self.problem.start(&mut self.last.inputs);
         self.last.duals.clear();
         self.trial.duals.clear();
         (self.conic, self.solved) = (None, None);
-        Ok(())
     }
 
     /// The best inputs for a wrench.

@@ -3,7 +3,8 @@
 use super::allocator::{Allocator, Settings};
 use super::problem::{Problem, WRENCH};
 use super::variation::Variation;
-use crate::autodiff::{CustomFunction, Operation, Scalar};
+use crate::autodiff::custom::reverse_at;
+use crate::autodiff::{CustomFunction, Operation, Points, Scalar};
 use crate::error::{Error, Result};
 use std::sync::{Mutex, PoisonError};
 
@@ -52,7 +53,9 @@ struct Work {
     allocator: Allocator,
     /// The numbers asked for last.
     at: Variation,
-    /// Whether their answer is certified.
+    /// Whether they make a problem, which the allocator then holds.
+    ready: bool,
+    /// Whether its answer is certified.
     solved: bool,
     /// A direction, or a gradient.
     change: Variation,
@@ -137,30 +140,56 @@ impl Work {
     fn new(template: &Problem) -> Result<Self> {
         let allocator = Allocator::with_settings(template.clone(), Settings { warm: false, ..Settings::default() })?;
         let zero = Variation::zero(template);
-        Ok(Self { allocator, at: zero.clone(), solved: false, change: zero })
+        Ok(Self { allocator, at: zero.clone(), ready: false, solved: false, change: zero })
     }
 
-    /// Whether the numbers make a problem whose answer is certified; the allocator then holds it.
+    /// Whether the numbers make a problem whose answer is certified; the allocator then holds it. Numbers that are those of the
+    /// last time are not prepared again.
     fn solve(&mut self, x: &[f64]) -> bool {
         let known = |(a, b): (&f64, &f64)| a.to_bits() == b.to_bits();
-        if !(self.solved && self.at.numbers().zip(x).all(known)) {
-            self.at.numbers_mut().zip(x).for_each(|(to, x)| *to = *x);
-            let ready = self.allocator.restart(|problem| give(&self.at, problem));
-            self.solved = ready.is_ok() && self.allocator.solve(&self.at.wrench).residual.is_finite();
+        let has_task = self.at.wrench.iter().zip(x).all(known);
+        let has_problem = self.ready && self.at.numbers().zip(x).skip(WRENCH).all(known);
+        if self.solved && has_task && has_problem {
+            return true;
         }
+        self.at.numbers_mut().zip(x).for_each(|(to, x)| *to = *x);
+        if has_problem {
+            self.allocator.forget();
+        } else {
+            self.ready = self.allocator.restart(|problem| give(&self.at, problem)).is_ok();
+        }
+        self.solved = self.ready && self.allocator.solve(&self.at.wrench).residual.is_finite();
         self.solved
+    }
+
+    /// The answer, NaN where there is none.
+    fn value(&mut self, x: &[f64], y: &mut [f64]) {
+        if self.solve(x) {
+            y.copy_from_slice(&self.allocator.solution().inputs);
+        } else {
+            y.fill(f64::NAN);
+        }
+    }
+
+    /// Its gradient with `y_bar`, NaN where there is none.
+    fn reverse(&mut self, x: &[f64], y_bar: &[f64], x_bar: &mut [f64]) {
+        if self.solve(x) && self.allocator.reverse(y_bar, &mut self.change).is_some() {
+            x_bar.iter_mut().zip(self.change.numbers()).for_each(|(to, x)| *to = *x);
+        } else {
+            x_bar.fill(f64::NAN);
+        }
     }
 }
 
 impl Inner {
-    /// Runs `work` on a workspace that is not in use; false without one.
-    fn with(&self, work: impl FnOnce(&mut Work) -> bool) -> bool {
+    /// Runs `work` on a workspace that is not in use; `None` without one.
+    fn with<R>(&self, work: impl FnOnce(&mut Work) -> R) -> Option<R> {
         let idle = || self.idle.lock().unwrap_or_else(PoisonError::into_inner);
         let taken = idle().pop();
-        let Some(mut own) = taken.or_else(|| Work::new(&self.template).ok()) else { return false };
-        let good = work(&mut own);
+        let mut own = taken.or_else(|| Work::new(&self.template).ok())?;
+        let result = work(&mut own);
         idle().push(own);
-        good
+        Some(result)
     }
 }
 
@@ -172,12 +201,7 @@ impl CustomFunction for Inner {
         self.template.n_input()
     }
     fn value(&self, x: &[f64], y: &mut [f64]) {
-        let good = self.with(|work| {
-            let good = work.solve(x);
-            y.copy_from_slice(&work.allocator.solution().inputs);
-            good
-        });
-        if !good {
+        if self.with(|work| work.value(x, y)).is_none() {
             y.fill(f64::NAN);
         }
     }
@@ -186,18 +210,29 @@ impl CustomFunction for Inner {
             work.change.numbers_mut().zip(dx).for_each(|(to, dx)| *to = *dx);
             work.solve(x) && work.allocator.forward(&work.change, dy).is_some()
         });
-        if !good {
+        if good != Some(true) {
             dy.fill(f64::NAN);
         }
     }
     fn reverse(&self, x: &[f64], y_bar: &[f64], x_bar: &mut [f64]) {
-        let good = self.with(|work| {
-            let good = work.solve(x) && work.allocator.reverse(y_bar, &mut work.change).is_some();
-            x_bar.iter_mut().zip(work.change.numbers()).for_each(|(to, x)| *to = *x);
-            good
-        });
-        if !good {
+        if self.with(|work| work.reverse(x, y_bar, x_bar)).is_none() {
             x_bar.fill(f64::NAN);
+        }
+    }
+    fn value_block(&self, points: &mut Points<'_>) {
+        let n = self.n_number;
+        if self.with(|work| points.each(n, |x, y| work.value(x, y))).is_none() {
+            points.each(n, |_, y| y.fill(f64::NAN));
+        }
+    }
+    fn reverse_block(&self, points: &mut Points<'_>) {
+        let n = self.n_number;
+        let all = n + self.n_output();
+        let run = |work: &mut Work| {
+            points.each(all, |z, x_bar| reverse_at(z, n, x_bar, |x, y_bar, x_bar| work.reverse(x, y_bar, x_bar)));
+        };
+        if self.with(run).is_none() {
+            points.each(all, |_, x_bar| x_bar.fill(f64::NAN));
         }
     }
 }

@@ -1,7 +1,8 @@
 //! Allocation inside rollouts: exact gradients of a closed loop through bounds and cones.
 
-use super::problems::{gimballed, stream};
-use omnidrones::autodiff::{Bounds, Objective, Rollout, Scalar, System, certify};
+use super::problems::{Kind, gimballed, stream, trouble};
+use omnidrones::autodiff::program::BLOCK;
+use omnidrones::autodiff::{Bounds, Objective, Program, Recording, Rollout, Scalar, System, Trace, certify};
 use omnidrones::controllers::allocation::active_set::{BoxProgram, Factor, Precision};
 use omnidrones::controllers::allocation::{AllocationFunction, Problem};
 use omnidrones::dynamics::vehicles;
@@ -151,4 +152,92 @@ fn straight_line_and_called_allocations_have_the_same_values_and_derivatives() {
     }
     println!("value {value:.1e}, slope {slope:.1e}"); // measured 4.5e-14, 1.2e-14
     assert!(value < 4e-12 && slope < 2e-12, "{value:e} {slope:e}");
+}
+
+/// Results of a program over a block beside those of each environment alone, as `f32`: equal bits, any NaN equals any NaN.
+fn assert_block_is_its_points(program: &Program, points: &[Vec<f64>]) {
+    let rounded = |x: f64| f64::from(x as f32);
+    let (mut block, mut single) = (program.block_workspace(), program.workspace());
+    let (mut rows, mut alone) = (vec![[0.0; BLOCK]; program.n_output()], vec![0.0; program.n_output()]);
+    for (number, points) in points.chunks(BLOCK).enumerate() {
+        let inputs: Vec<[f32; BLOCK]> = (0..program.n_input())
+            .map(|k| std::array::from_fn(|lane| points[lane.min(points.len() - 1)][k] as f32))
+            .collect();
+        program.evaluate_block(&mut block, &inputs, &mut rows);
+        for (lane, point) in points.iter().enumerate() {
+            let point: Vec<f64> = point.iter().map(|x| rounded(*x)).collect();
+            program.evaluate(&mut single, &point, &mut alone);
+            for (k, (row, alone)) in rows.iter().zip(&alone).enumerate() {
+                let (got, want) = (row[lane], *alone as f32);
+                let is_equal = got.to_bits() == want.to_bits() || (got.is_nan() && want.is_nan());
+                assert!(is_equal, "block {number}, environment {lane}, result {k}: {got}, not {want}");
+            }
+        }
+    }
+}
+
+/// With numbers that `f32` has.
+fn rounded(base: &Problem) -> Problem {
+    let all = |numbers: &[f64]| numbers.iter().map(|x| f64::from(*x as f32)).collect();
+    Problem {
+        weights: base.weights.map(|x| f64::from(x as f32)),
+        regularisation: f64::from(base.regularisation as f32),
+        geometry: base.geometry.map(|x| f64::from(x as f32)),
+        preference: all(&base.preference),
+        lower: all(&base.lower),
+        upper: all(&base.upper),
+        ..base.clone()
+    }
+}
+
+#[test]
+fn allocations_over_a_block_are_those_of_its_points_to_the_bit_also_backwards() {
+    for (number, (name, base)) in super::problems::vehicles().into_iter().enumerate() {
+        let base = rounded(&base);
+        let function = AllocationFunction::new(base.clone()).unwrap();
+        let n = base.n_input();
+        let recording = Recording::of(6, |wrench| {
+            let wrench = std::array::from_fn(|k| wrench[k]);
+            let mut inputs = vec![Trace::zero(); n];
+            function.call(&base, &wrench, &mut inputs);
+            inputs
+        });
+        let kinds = [Kind::Reachable, Kind::Unreachable, Kind::FarOut, Kind::Vertex, Kind::NotFinite];
+        let mut r = stream(60, number as u64);
+        // 10⁵ wrenches over six vehicles
+        let points: Vec<Vec<f64>> =
+            (0..17_000).map(|k| trouble(&base, kinds[k % kinds.len()], &mut r).1.to_vec()).collect();
+        assert_block_is_its_points(&Program::compile(&recording).unwrap(), &points);
+        let adjoint = Program::compile(&recording.adjoint(0..6)).unwrap();
+        let with_seeds = |point: &Vec<f64>| -> Vec<f64> {
+            point.iter().copied().chain((0..n).map(|k| if k == 2 { 0.0 } else { 0.3 - 0.1 * k as f64 })).collect()
+        };
+        println!("{name}");
+        assert_block_is_its_points(&adjoint, &points[..2000].iter().map(with_seeds).collect::<Vec<_>>());
+    }
+}
+
+#[test]
+fn an_environment_of_a_block_does_not_see_other_environments_problems() {
+    let base = Problem::of_vehicle(&vehicles::by_name("firefly").unwrap()).unwrap();
+    let function = AllocationFunction::new(base.clone()).unwrap();
+    let n = base.n_input();
+    let recording = Recording::of(function.n_number(), |numbers| {
+        let mut inputs = vec![Trace::zero(); n];
+        function.call_numbers(numbers, &mut inputs);
+        inputs
+    });
+    let program = Program::compile(&recording).unwrap();
+    let mut r = stream(61, 0);
+    let point = |kind: Kind, r: &mut omnidrones::rng::Stream| -> Vec<f64> {
+        let (problem, wrench) = trouble(&base, kind, r);
+        let geometry = problem.geometry.iter().copied();
+        (wrench.into_iter().chain(problem.weights).chain([problem.regularisation]).chain(geometry))
+            .chain(problem.preference.clone())
+            .chain(problem.lower.clone())
+            .chain(problem.upper.clone())
+            .collect()
+    };
+    let points: Vec<Vec<f64>> = (0..3000).map(|k| point(Kind::ALL[k * k % Kind::ALL.len()], &mut r)).collect();
+    assert_block_is_its_points(&program, &points);
 }

@@ -68,7 +68,11 @@ impl Kernel {
                             *result = *value;
                         }
                     };
-                    if self.has_functions { S::function(&mut results, body) } else { body(&mut results) }
+                    if self.has_functions {
+                        S::function(&mut results, body)
+                    } else {
+                        body(&mut results)
+                    }
                     values.extend(results);
                     continue;
                 }
@@ -129,11 +133,7 @@ fn functions_change_no_bit_of_values_and_jacobians_and_adjoints_but_by_the_order
         assert_eq!(bits(value(&without, &x)), plain, "{seed}: value without");
         assert_eq!(bits(value(&with.jacobian(0..5), &x)), bits(value(&without.jacobian(0..5), &x)), "{seed}: Jacobian");
         let z: Vec<f64> = x.iter().copied().chain(point(seed ^ 77, 4)).collect();
-        assert_near(
-            &value(&with.adjoint(0..5), &z),
-            &value(&without.adjoint(0..5), &z),
-            &format!("{seed}: adjoint"),
-        );
+        assert_near(&value(&with.adjoint(0..5), &z), &value(&without.adjoint(0..5), &z), &format!("{seed}: adjoint"));
         // some seeds are zero, some derivatives are not asked for
         let part = |recording: &Recording| value(&recording.adjoint_of(|k| k % 2 == 0, 1..3), &z);
         assert_near(&part(&with), &part(&without), &format!("{seed}: part of the adjoint"));
@@ -184,11 +184,16 @@ fn in_function<S: Scalar>(body: impl FnOnce() -> S) -> S {
 fn equal_parts_are_one_function_also_of_other_numbers_and_of_other_recordings() {
     let record = || {
         Recording::of(3, |x| {
-            vec![in_function(|| long(x[0], x[1], 20)), in_function(|| long(x[2], x[1], 20)), in_function(|| long(x[0], x[1], 21))]
+            vec![
+                in_function(|| long(x[0], x[1], 20)),
+                in_function(|| long(x[2], x[1], 20)),
+                in_function(|| long(x[0], x[1], 21)),
+            ]
         })
     };
     let functions = |recording: &Recording| -> Vec<Function> {
-        let function = |call: &Call| if let Callee::Function(function) = &call.callee { Some(function.clone()) } else { None };
+        let function =
+            |call: &Call| if let Callee::Function(function) = &call.callee { Some(function.clone()) } else { None };
         recording.calls.iter().filter_map(function).collect()
     };
     let recording = record();
@@ -236,14 +241,16 @@ fn short_parts_are_no_functions() {
 #[test]
 fn a_number_of_another_recording_is_an_error_and_the_next_recording_is_as_ever() {
     let foreign = |inner: fn(Trace, Trace) -> Trace| {
-        let attempt = || Recording::of(1, |x| {
-            let mut result = Trace::zero();
-            Recording::of(1, |y| {
-                result = inner(x[0], y[0]);
+        let attempt = || {
+            Recording::of(1, |x| {
+                let mut result = Trace::zero();
+                Recording::of(1, |y| {
+                    result = inner(x[0], y[0]);
+                    vec![result]
+                });
                 vec![result]
-            });
-            vec![result]
-        });
+            })
+        };
         std::panic::catch_unwind(attempt).map(|_| ())
     };
     for inner in [|x, y| x + y, |x: Trace, _| x, |_, y: Trace| y] {
@@ -298,14 +305,17 @@ fn a_thousand_steps_are_a_thousand_calls_and_their_adjoint_as_many_again() {
     let adjoint = Program::compile(&many.adjoint(0..2)).unwrap();
     assert_eq!((adjoint.value_form().functions().len(), adjoint.value_form().calls().len()), (2, 2000));
     // energy is nearly kept, and so is the area of the plane of states: the Jacobian has determinant 1
-    let rows: Vec<f64> =
-        [[1.0, 0.0], [0.0, 1.0]].iter().flat_map(|seed| value(&many.adjoint(0..2), &[0.3, 0.1, seed[0], seed[1]])).collect();
+    let rows: Vec<f64> = [[1.0, 0.0], [0.0, 1.0]]
+        .iter()
+        .flat_map(|seed| value(&many.adjoint(0..2), &[0.3, 0.1, seed[0], seed[1]]))
+        .collect();
     assert!((rows[0] * rows[3] - rows[1] * rows[2] - 1.0).abs() < 1e-12);
 }
 
 #[test]
 fn a_form_with_functions_is_printed_with_them_behind_it() {
-    let recording = Recording::of(2, |x| vec![in_function(|| long(x[0], x[1], 9)) + in_function(|| long(x[1], x[0], 9))]);
+    let recording =
+        Recording::of(2, |x| vec![in_function(|| long(x[0], x[1], 9)) + in_function(|| long(x[1], x[0], 9))]);
     let text = Program::compile(&recording).unwrap().value_form().to_string();
     let head = "2 inputs: v0 to v1\nv2 = function 0 (v0, v1)\nv3 = function 0 (v1, v0)\nv4 = v2 + v3\nresults: v4\n\n\
                 function 0 of 2 inputs: v0 to v1\nv2 = v0·v1 + v0\nv3 = tanh v2\n";
