@@ -21,7 +21,7 @@ use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::process;
 use std::ptr::{null_mut, slice_from_raw_parts_mut};
-use std::sync::atomic::{AtomicI32, AtomicPtr, Ordering};
+use std::sync::atomic::{AtomicI32, AtomicPtr, AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 /// Bytes of an arena, unless one program needs more.
@@ -242,10 +242,53 @@ impl Drop for Modes {
     }
 }
 
+/// A number that no process has in common with those that it was made from by `fork`. The system's numbers will not do: they are used
+/// again, and in nested namespaces a child may have that of its parent. The number lies in a page that the system empties in a child.
+pub(super) fn process() -> u64 {
+    /// Where it lies; here itself where the system empties no pages, and then the system's number has to do.
+    static PLACE: AtomicPtr<AtomicU64> = AtomicPtr::new(null_mut());
+    /// The last that was given, in this process or those before it.
+    static GIVEN: AtomicU64 = AtomicU64::new(0);
+    let nowhere = (&raw const GIVEN).cast_mut();
+    let mut place = PLACE.load(Ordering::Acquire);
+    if place.is_null() {
+        let made = emptied_by_forks().map_or(nowhere, <*mut u8>::cast::<AtomicU64>);
+        place = match PLACE.compare_exchange(null_mut(), made, Ordering::AcqRel, Ordering::Acquire) {
+            Ok(_) => made,
+            Err(other) => other, // by another thread, which was faster: the page made here stays unused
+        };
+    }
+    if place == nowhere {
+        return u64::from(process::id());
+    }
+    // SAFETY: the beginning of a page that is never given back, zero at first and then written as this type alone.
+    let place = unsafe { &*place };
+    match place.load(Ordering::Relaxed) {
+        0 => {
+            let own = 1 + GIVEN.fetch_add(1, Ordering::Relaxed);
+            place.compare_exchange(0, own, Ordering::Relaxed, Ordering::Relaxed).map_or_else(|other| other, |_| own)
+        }
+        own => own,
+    }
+}
+
+/// A page of zeros that is one of zeros again in a process made by `fork`: Linux 4.14.
+fn emptied_by_forks() -> rustix::io::Result<*mut u8> {
+    // SAFETY: a new private map, where the system has room.
+    let page = unsafe { mmap_anonymous(null_mut(), PAGE, ProtFlags::READ | ProtFlags::WRITE, MapFlags::PRIVATE) }?;
+    // SAFETY: the map was just made, and is nobody else's.
+    let emptied = unsafe { madvise(page, PAGE, Advice::LinuxWipeOnFork) };
+    if emptied.is_err() {
+        // SAFETY: as above.
+        let _ = unsafe { munmap(page, PAGE) };
+    }
+    emptied.map(|()| page.cast())
+}
+
 /// Something that every process has its own of, also one made by `fork`: a lock that another thread held then would be held there for
 /// ever.
 #[derive(Debug)]
-pub(super) struct PerProcess<T>(AtomicPtr<(u32, T)>);
+pub(super) struct PerProcess<T>(AtomicPtr<(u64, T)>);
 
 impl<T: Default + Sync> PerProcess<T> {
     pub(super) const fn new() -> Self {
@@ -253,7 +296,7 @@ impl<T: Default + Sync> PerProcess<T> {
     }
 
     pub(super) fn get(&'static self) -> &'static T {
-        let (process, found) = (process::id(), self.0.load(Ordering::Acquire));
+        let (process, found) = (process(), self.0.load(Ordering::Acquire));
         // SAFETY: null, or one that is never freed once it stands here.
         if let Some((_, own)) = unsafe { found.as_ref() }.filter(|(of, _)| *of == process) {
             return own;
@@ -276,7 +319,7 @@ impl<T: Default + Sync> PerProcess<T> {
 /// The arenas of a process.
 #[derive(Debug)]
 struct Pool {
-    process: u32,
+    process: u64,
     arenas: Mutex<Vec<Arena>>,
     /// What the system said to the first code that was not to be executed, 0 before.
     refusal: AtomicI32,
@@ -284,7 +327,7 @@ struct Pool {
 
 impl Default for Pool {
     fn default() -> Self {
-        Self { process: process::id(), arenas: Mutex::default(), refusal: AtomicI32::new(0) }
+        Self { process: process(), arenas: Mutex::default(), refusal: AtomicI32::new(0) }
     }
 }
 
@@ -341,7 +384,7 @@ impl Pool {
     }
 
     fn free(&self, at: *mut u8, n_page: usize) {
-        if self.process != process::id() {
+        if self.process != process() {
             return; // the lock may be held for ever in this copy of the process
         }
         let mut arenas = self.arenas.lock().unwrap_or_else(PoisonError::into_inner);

@@ -1,7 +1,7 @@
 //! Executable memory: what it costs, who may touch it, and what a host or a fork does to it.
 
 use super::super::lower::Element;
-use super::super::memory::with_modes;
+use super::super::memory::{process, with_modes};
 use super::*;
 use crate::autodiff::{Recording, Scalar, Trace};
 use crate::error::Error;
@@ -133,6 +133,40 @@ fn forked() {
         }
         stop.store(true, Ordering::Relaxed);
     });
+}
+
+#[test]
+fn a_process_is_told_from_those_it_was_made_from_whatever_numbers_the_system_gives() {
+    alone("told_apart");
+}
+
+#[test]
+#[ignore = "run alone by a_process_is_told_from_those_it_was_made_from_whatever_numbers_the_system_gives"]
+fn told_apart() {
+    let asked: Vec<u64> = std::thread::scope(|scope| {
+        let threads: Vec<_> = (0..8).map(|_| scope.spawn(process)).collect();
+        threads.into_iter().map(|thread| thread.join().unwrap()).collect()
+    });
+    assert_eq!(asked, [process(); 8], "threads agree, whoever asks first");
+    if process() == u64::from(std::process::id()) {
+        println!("not run: the system empties no pages for a child");
+        return;
+    }
+    assert!(process() <= 8, "{} is none of the system's numbers", process());
+    assert!(descends(&[], 5));
+}
+
+/// Whether this process and its children's children have a number of their own, always the same.
+fn descends(before: &[u64], generations: u32) -> bool {
+    let own = process();
+    let line = [before, &[own]].concat();
+    let has_own = !before.contains(&own) && process() == own;
+    has_own
+        && (0..generations.min(2)).all(|_| match fork::fork().unwrap() {
+            // no panic here, as above
+            fork::Fork::Child => std::process::exit(i32::from(!descends(&line, generations - 1))),
+            fork::Fork::Parent(child) => fork::waitpid(child).unwrap() == 0 && process() == own,
+        })
 }
 
 #[test]
