@@ -179,19 +179,17 @@ fn recorded() -> (Recording, usize, Vec<f64>) {
 
 /// Ratios of one processor are others on another, and a busy machine takes from both: half of what was measured is held.
 #[test]
-fn machine_code_is_twice_as_fast_as_the_interpreter_and_made_at_once() {
+fn machine_code_is_twice_as_fast_as_the_interpreter() {
     let (recording, n, rest) = recorded();
     let adjoint = recording.adjoint(0..n);
     if !is_optimised() || !Program::compile(&recording).unwrap().is_native() {
         println!("not run: this binary is not optimised, or no code is made here");
         return;
     }
-    // measured with AVX2 on Zen 3: 3.5 and 3.8 in lanes, 6.4 and 7.0 in f64, 0.5 µs an instruction
+    // measured with AVX2 on Zen 3: 3.5 and 3.8 in lanes, 6.4 and 7.0 in f64
     for (name, recording) in [("step", recording), ("adjoint", adjoint)] {
         let program = Program::compile(&recording).unwrap();
-        let begun = Instant::now();
         let mut blocks = [program.block_workspace(), program.interpreter_block_workspace()];
-        let made = begun.elapsed().as_secs_f64() / program.len() as f64;
         let mut singles = [program.workspace(), program.interpreter_workspace()];
         let mut point = vec![0.1; program.n_input()];
         point[..rest.len()].copy_from_slice(&rest);
@@ -207,9 +205,44 @@ fn machine_code_is_twice_as_fast_as_the_interpreter_and_made_at_once() {
             }
         }
         let (lanes, one) = (block[1] / block[0], single[1] / single[0]);
-        println!("{name}: {lanes:.2} × in lanes, {one:.2} × in f64, made in {:.2} µs an instruction", made * 1e6);
-        assert!(lanes > 2.0 && one > 2.5 && made < 10e-6, "{name}: {lanes:.2}, {one:.2}, {made:e}");
+        println!("{name}: {lanes:.2} × in lanes, {one:.2} × in f64");
+        assert!(lanes > 2.0 && one > 2.5, "{name}: {lanes:.2}, {one:.2}");
     }
+}
+
+/// Most seconds that making code takes for an instruction of a program, recording and compiling it excluded.
+const MAKING: f64 = 1e-6;
+
+#[test]
+fn machine_code_is_made_within_a_microsecond_an_instruction() {
+    let (recording, n, _) = recorded();
+    let adjoint = recording.adjoint(0..n);
+    if !is_optimised() || !Program::compile(&recording).unwrap().is_native() {
+        println!("not run: this binary is not optimised, or no code is made here");
+        return;
+    }
+    for (name, recording) in [("step", recording), ("adjoint", adjoint)] {
+        made_in_time(&format!("{name} in lanes"), &recording, |program| drop(black_box(program.block_workspace())));
+        made_in_time(&format!("{name} in f64"), &recording, |program| drop(black_box(program.workspace())));
+    }
+}
+
+/// The least time of several counts; a program that was made before has its code already.
+fn made_in_time(name: &str, recording: &Recording, make: impl Fn(&Program)) {
+    let mut made = f64::INFINITY;
+    for _ in 0..ATTEMPTS {
+        for _ in 0..ROUNDS {
+            let program = Program::compile(recording).unwrap();
+            let begun = Instant::now();
+            make(&program);
+            made = made.min(begun.elapsed().as_secs_f64() / program.len() as f64);
+        }
+        if made <= MAKING {
+            break;
+        }
+    }
+    println!("{name}: code made in {:.2} µs an instruction, at most {:.2}", made * 1e6, MAKING * 1e6);
+    assert!(made <= MAKING, "{name}: code made in {:.2} µs an instruction", made * 1e6);
 }
 
 #[test]
