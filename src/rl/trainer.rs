@@ -36,7 +36,7 @@ use super::policy_io::put_policy;
 use super::predecessor::SAFE;
 use super::state;
 use super::warm_start::WarmStart;
-use crate::autodiff::lanes::instruction_set;
+use crate::autodiff::native;
 use crate::error::{Error, Result};
 use crate::file_gate;
 use crate::parallel::Threads;
@@ -83,6 +83,11 @@ pub struct Trainer {
     /// Instructions that it was begun with, where they are others than those of this processor.
     other_instructions: Option<String>,
     files: Option<Files>,
+}
+
+/// Whether a processor with these instructions rounds a product before it is added to something.
+fn rounds_twice(instructions: &str) -> bool {
+    !["avx512", "avx2", "neon"].iter().any(|set| instructions.split(' ').next() == Some(set))
 }
 
 /// Within a run's folder that of the run that it begins from.
@@ -282,8 +287,7 @@ impl Trainer {
             return Err(Error::value("number of updates", budget, limit, remedy));
         }
         (self.update, self.clock.before) = (manifest.update, manifest.seconds);
-        let rounds_twice = |set: &str| !["avx512", "avx2", "neon"].contains(&set);
-        let others = rounds_twice(&manifest.instructions) != rounds_twice(instruction_set());
+        let others = rounds_twice(&manifest.instructions) != rounds_twice(&native::instructions());
         self.other_instructions = others.then(|| manifest.instructions.clone());
         self.since = Since::new(self.env_steps(), manifest.seconds);
         Ok(())
@@ -335,7 +339,7 @@ impl Trainer {
         let then = self.other_instructions.as_ref()?;
         Some(format!(
             "begun with {then}, goes on with {}: the bits differ from those of one machine",
-            instruction_set()
+            native::instructions()
         ))
     }
 
@@ -737,5 +741,17 @@ mod tests {
         };
         assert!(!of(0, 1e6, 0.0) && !of(60, 59.9, 0.1) && of(60, 60.0, 0.1) && of(60, 60.0, 1.2));
         assert!(!of(60, 60.0, 2.0) && !of(60, 99.9, 2.0) && of(60, 100.0, 2.0));
+    }
+
+    #[test]
+    fn runs_go_on_alike_on_sets_that_round_alike_however_programs_ran() {
+        for set in ["avx512", "avx2", "neon"] {
+            for how in ["", " (machine code)", " (interpreted: switched off by OMNIDRONES_NATIVE=off)"] {
+                assert!(!rounds_twice(&format!("{set}{how}")), "{set}{how}");
+            }
+        }
+        for other in ["", "scalar", "scalar (interpreted: the processor has no AVX2 with FMA)", "avx", "avx2000"] {
+            assert!(rounds_twice(other), "{other}");
+        }
     }
 }

@@ -1,12 +1,13 @@
 //! Machine code of everything that is recorded has the interpreter's bits.
 
 use crate::common::{cases, input, state, stream};
-use omnidrones::autodiff::native::{Executable, Layout, Rows, WhyInterpreted, availability};
+use omnidrones::autodiff::native::{Executable, Layout, Rows, WhyInterpreted, availability, instructions};
 use omnidrones::autodiff::program::BLOCK;
-use omnidrones::autodiff::{Program, Recording, Scalar, System, Trace};
+use omnidrones::autodiff::{Program, Recording, Scalar, System, Trace, instruction_set};
 use omnidrones::dynamics::tree::Multibody;
 use omnidrones::dynamics::{Effects, Integrator, Multirotor, Physics, configurations};
 use omnidrones::tasks::{Env, EnvConfig, registry};
+use std::process::Command;
 
 /// Numbers near these, the first as they are; some of them zero, negative zero, huge, infinite or NaN.
 fn near(point: &[f64], seed: u64) -> Vec<Vec<f64>> {
@@ -89,8 +90,16 @@ fn steps_adjoints_and_jacobians_of_every_vehicle_are_the_interpreters_to_the_bit
     }
 }
 
+/// Whether code may be made. Where not, vehicles alone show that the interpreter behind an `Executable` is the interpreter.
+fn is_made() -> bool {
+    availability().inspect_err(|why| println!("not run: no code is made here: {why}")).is_ok()
+}
+
 #[test]
 fn steps_adjoints_and_jacobians_of_every_configuration_are_the_interpreters_to_the_bit() {
+    if !is_made() {
+        return;
+    }
     for (case, model) in configurations::all().unwrap().iter().enumerate() {
         for integrator in [Integrator::SemiImplicit, Integrator::RungeKutta4] {
             let physics = Physics { dt: 0.016, substeps: 1, integrator, effects: Effects::lean() };
@@ -105,6 +114,9 @@ fn steps_adjoints_and_jacobians_of_every_configuration_are_the_interpreters_to_t
 
 #[test]
 fn adjoints_of_every_task_are_the_interpreters_to_the_bit() {
+    if !is_made() {
+        return;
+    }
     for (seed, task) in registry::names().into_iter().enumerate() {
         let env = Env::make(task, &EnvConfig { n_env: 1, ..EnvConfig::default() }).unwrap();
         let Ok(adjoint) = env.adjoint(false) else { continue };
@@ -112,5 +124,36 @@ fn adjoints_of_every_task_are_the_interpreters_to_the_bit() {
         let mut point = env.ideal_arguments();
         point.resize(program.n_input(), 0.3);
         compare(task, program, &point, seed as u64);
+    }
+}
+
+#[test]
+fn what_computes_is_told_as_programs_then_run() {
+    let shortest = Program::compile(&Recording::of(1, |x| vec![x[0] * x[0]])).unwrap();
+    let how = match shortest.why_interpreted() {
+        None => "machine code".to_string(),
+        Some(why) => format!("interpreted: {why}"),
+    };
+    assert_eq!(instructions(), format!("{} ({how})", instruction_set()));
+    println!("told: {}", instructions());
+}
+
+/// In processes of their own: the switch is read once.
+#[test]
+fn a_switch_that_is_off_is_the_reason_that_is_told() {
+    let told = |switch: &str| {
+        let mut command = Command::new(std::env::current_exe().unwrap());
+        command.args(["--exact", "native::what_computes_is_told_as_programs_then_run", "--nocapture"]);
+        let output = command.env("OMNIDRONES_NATIVE", switch).output().unwrap();
+        let text = String::from_utf8_lossy(&output.stdout).into_owned();
+        assert!(output.status.success() && text.contains("1 passed"), "{switch}: {text}");
+        text.lines().find_map(|line| line.split_once("told: ")).expect("what is told").1.to_string()
+    };
+    let (set, off) = (instruction_set(), "interpreted: switched off by OMNIDRONES_NATIVE=off");
+    for switch in ["off", "OFF", "0"] {
+        assert_eq!(told(switch), format!("{set} ({off})"), "{switch}");
+    }
+    for switch in ["on", "", "1"] {
+        assert!(!told(switch).contains(off), "{switch}");
     }
 }

@@ -5,6 +5,7 @@ use super::arguments::{self, OutputArguments};
 use super::environment::EnvArguments;
 use crate::prelude::*;
 use omnidrones::autodiff::lane_width;
+use omnidrones::autodiff::native::instructions;
 use omnidrones::tasks::EnvConfig;
 use omnidrones::tasks::registry::{self, Entry};
 use omnidrones_bench::environment::{self, Case, SIZES};
@@ -110,6 +111,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
             "quick": a.quick,
             "task": task.map(|entry| entry.name),
             "lane_width": lane_width(),
+            "instructions": instructions(),
             "rows": rows,
             "files": files::names(&written),
         });
@@ -191,7 +193,7 @@ fn policy_figure(hidden: &[usize], rows: &[BenchRow]) -> Figure {
 /// What it ran on.
 fn machine() -> String {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    format!("a machine of {cores} cores, {} lanes of f32 per SIMD register", lane_width())
+    format!("a machine of {cores} cores, {} lanes of f32 per SIMD register, {}", lane_width(), instructions())
 }
 
 /// Throughput of batches, and every other figure as a multiple of its baseline.

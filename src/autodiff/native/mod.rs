@@ -45,7 +45,8 @@ pub(crate) use elsewhere::in_standard_modes;
 
 pub(crate) use code::Code;
 
-use super::program::ValueForm;
+use super::program::{Program, ValueForm};
+use super::trace::Recording;
 use std::fmt;
 use std::sync::{Arc, OnceLock};
 
@@ -102,6 +103,15 @@ pub fn availability() -> Result<(), WhyInterpreted> {
         (_, "avx512" | "avx2") => Ok(()),
         _ => Err(WhyInterpreted::Processor),
     }
+}
+
+/// What computes here, in words: the [instruction set](crate::autodiff::instruction_set), and whether programs run as machine code or
+/// are interpreted and why, as `avx2 (machine code)`. A little code is made to find out, since a system may refuse it.
+pub fn instructions() -> String {
+    let sum = Recording::of(2, |x| vec![x[0] + x[1]]);
+    let why = availability().err().or_else(|| Program::compile(&sum).ok()?.why_interpreted());
+    let how = why.map_or_else(|| "machine code".into(), |why| format!("interpreted: {why}"));
+    format!("{} ({how})", crate::autodiff::lanes::instruction_set())
 }
 
 /// Machine code of a program for rows of a kind, made now or found.

@@ -2,7 +2,7 @@
 
 use super::damaged;
 use super::disk::{Entry, hex};
-use crate::autodiff::lanes::instruction_set;
+use crate::autodiff::native;
 use crate::defaults::with_defaults;
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
@@ -24,9 +24,9 @@ with_defaults! {
         pub format: u32 = FORMAT,
         /// Version of this crate; set when saving.
         pub version: String = env!("CARGO_PKG_VERSION").into(),
-        /// Instructions that the processor computed with ([`instruction_set`]); set when saving. Others round sums
-        /// elsewhere.
-        pub instructions: String = instruction_set().into(),
+        /// What the processor computed with ([`instructions`](native::instructions)), the instruction set first; set when saving.
+        /// Another set may round sums elsewhere; whether programs are interpreted changes no bit.
+        pub instructions: String = native::instructions(),
         /// Name of the algorithm.
         pub algorithm: String = String::new(),
         /// Name of the task.
@@ -203,6 +203,17 @@ mod tests {
         }
         let deep = forged(|text| text.replacen("\"nested\": {", &format!("\"x\": {}", "[".repeat(100_000)), 1));
         assert!(deep.unwrap_err().to_string().contains("recursion limit"));
+    }
+
+    #[test]
+    fn a_manifest_says_how_programs_ran_and_those_that_name_the_set_alone_are_read() {
+        let own = native::instructions();
+        assert_eq!(Manifest::default().instructions, own);
+        let told = format!("\"instructions\": \"{own}\"");
+        for set in ["avx2", "avx512", "neon", "scalar"] {
+            let old = forged(|text| text.replacen(&told, &format!("\"instructions\": \"{set}\""), 1)).unwrap();
+            assert_eq!(old, Manifest { instructions: set.into(), ..manifest() });
+        }
     }
 
     #[test]

@@ -307,6 +307,7 @@ fn bench_measures_every_group() {
     let measured = json(0, folder.path(), &["bench", "--quick", "--threads", "1", "--envs", "256", "--json"]);
     let rows = measured["rows"].as_array().expect("a list");
     assert!(rows.len() > 5);
+    assert_eq!(measured["instructions"], omnidrones::autodiff::native::instructions());
     assert!(rows.iter().all(|r| r["value"].as_f64().is_some_and(|v| v > 0.0)), "{measured}");
     // a step that takes longer than the plain one is dear, and one of many in lanes is cheap: rates and times alike
     let in_lanes: Vec<_> = rows.iter().filter(|r| r["group"] == "derivative" && r["unit"] == "M/s").collect();

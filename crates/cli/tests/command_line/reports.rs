@@ -1,6 +1,8 @@
 //! `report`: what was learnt as one page.
 
-use crate::command::{exits, json, size, temporary};
+use crate::command::{command, exits, json, size, temporary};
+use omnidrones::autodiff::instruction_set;
+use omnidrones::autodiff::native::instructions;
 
 #[test]
 fn a_run_is_told_by_its_settings_curves_table_and_flight() {
@@ -39,6 +41,27 @@ fn a_run_is_told_by_its_settings_curves_table_and_flight() {
     assert!(!page.contains("<iframe") && !page.contains("cascade") && page.contains(" beside "));
     let (_, err) = exits(2, folder, &["report", "a", "--out", "both.html"]);
     assert!(err.contains("which exists"), "{err}");
+}
+
+#[test]
+fn a_run_says_whether_its_recordings_were_machine_code_and_learns_the_same_without() {
+    let folder = temporary();
+    let folder = folder.path();
+    let off = format!("{} (interpreted: switched off by OMNIDRONES_NATIVE=off)", instruction_set());
+    let train = ["train", "Hover", "--updates", "2", "--envs", "8", "--set", "evaluate.every=0", "--no-plots"];
+    let learnt = [("on", instructions()), ("off", off)].map(|(switch, told)| {
+        let arguments = [&train[..], &["--no-baseline", "--out", switch]].concat();
+        let output = command(folder, &arguments).env("OMNIDRONES_NATIVE", switch).output().expect("the binary starts");
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let checkpoint = folder.join(switch).join("checkpoints/000000002");
+        let manifest = std::fs::read_to_string(checkpoint.join("manifest.json")).expect("written");
+        assert!(manifest.contains(&format!("\"instructions\": \"{told}\"")), "{manifest}");
+        exits(0, folder, &["report", switch, "--no-replay", "--no-baseline"]);
+        let page = std::fs::read_to_string(folder.join(switch).join("report.html")).expect("written");
+        assert!(page.contains(&format!("instructions {told}")), "{told}");
+        std::fs::read(checkpoint.join("policy.safetensors")).expect("written")
+    });
+    assert!(learnt[0] == learnt[1], "the bits of the policy");
 }
 
 #[test]
