@@ -271,12 +271,16 @@ fn n_program() -> u64 {
     std::env::var("OMNIDRONES_PROGRAMS").map_or(25_000, |n| n.parse().unwrap())
 }
 
-/// Whether code is made here: not where it is switched off, the processor is too old or the system is hardened.
+/// Whether code is made here: not where it is switched off, the processor is too old or the system is hardened. What needs code is not
+/// run then, and this says so.
 fn is_made() -> bool {
     let made = Executable::<f64>::new(&Program::of_form(random_form(1), false), random_layout_of(1)).unwrap();
     match made.why_interpreted() {
         None => true,
-        Some(WhyInterpreted::Off | WhyInterpreted::Processor | WhyInterpreted::Refused(_)) => false,
+        Some(why @ (WhyInterpreted::Off | WhyInterpreted::Processor | WhyInterpreted::Refused(_))) => {
+            println!("not run, or only by the interpreter: no code is made here: {why}");
+            false
+        }
         Some(other) => panic!("{other}"),
     }
 }
@@ -289,7 +293,6 @@ fn random_layout_of(seed: u64) -> Layout {
 
 fn compare_all<R: Tested>() {
     if !is_made() {
-        println!("not run: no code is made here");
         return;
     }
     (0..n_program()).for_each(compare::<R>);
