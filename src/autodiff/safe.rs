@@ -89,6 +89,17 @@ pub fn is_bounded<S: Scalar>(x: S, limit: f64) -> S::Mask {
     x.lt(S::constant(limit)).and(S::constant(-limit).lt(x))
 }
 
+/// True in every lane whose values are all finite and below `limit` in magnitude: by the largest, the smallest, and a sum that no NaN
+/// leaves.
+pub fn all_bounded<S: Scalar>(values: &[S], limit: f64) -> S::Mask {
+    let (mut most, mut least, mut sum) = (S::zero(), S::zero(), S::zero());
+    for value in values {
+        (most, least, sum) = (most.max(*value), least.min(*value), sum + *value);
+    }
+    let of_all = S::constant(limit * (values.len() + 1) as f64);
+    most.lt(S::constant(limit)).and(S::constant(-limit).lt(least)).and(sum.lt(of_all))
+}
+
 /// Σ vᵢ².
 #[inline(always)]
 pub fn squared_norm<S: Scalar, const N: usize>(v: [S; N]) -> S {

@@ -9,7 +9,7 @@ pub(crate) mod chain;
 mod function;
 mod graph;
 
-pub(crate) use self::graph::{Call, Callee, Node};
+pub(crate) use self::graph::{Arithmetic, Call, Callee, Node};
 
 use self::graph::{Graph, Place, apart, local, push_on, with_graph};
 use super::custom::Operation;
@@ -192,6 +192,10 @@ impl Scalar for Trace {
         Self(push_on([mask.0, yes.0, no.0], |[mask, yes, no]| Node::Select(mask, yes, no)))
     }
     #[inline(never)]
+    fn mul_add(self, a: Self, b: Self) -> Self {
+        Self(push_on([self.0, a.0, b.0], |[x, a, b]| Node::MulAdd(x, a, b)))
+    }
+    #[inline(never)]
     fn detach(self) -> Self {
         push_one(self, Node::Detach)
     }
@@ -215,13 +219,14 @@ pub struct Recording {
     pub(crate) calls: Vec<Call>,
     pub(crate) n_input: usize,
     pub(crate) outputs: Vec<u32>,
+    pub(crate) arithmetic: Arithmetic,
 }
 
 /// Records `f` on a graph of its own, starting from `graph`.
 fn record(graph: Graph, n_input: usize, f: impl FnOnce() -> Vec<Trace>) -> Recording {
     let outputs = || f().into_iter().map(Trace::node).collect();
-    let (Graph { nodes, calls, .. }, outputs) = apart(graph, outputs);
-    Recording { nodes, calls, n_input, outputs }
+    let (Graph { nodes, calls, arithmetic, .. }, outputs) = apart(graph, outputs);
+    Recording { nodes, calls, n_input, outputs, arithmetic }
 }
 
 /// Runs `f` on constants, of which nothing is kept.
@@ -245,6 +250,11 @@ impl Recording {
         record(Graph::empty(), n_input, || f(&inputs(n_input)))
     }
 
+    /// As [`Recording::of`], for blocks alone: with the bits that `f` has as a compiled kernel of lanes.
+    pub(crate) fn of_lanes(n_input: usize, f: impl FnOnce(&[Trace]) -> Vec<Trace>) -> Self {
+        record(Graph::of_arithmetic(Arithmetic::Lanes), n_input, || f(&inputs(n_input)))
+    }
+
     /// Number of inputs.
     pub fn n_input(&self) -> usize {
         self.n_input
@@ -262,7 +272,7 @@ impl Recording {
             return Cow::Borrowed(self);
         }
         let attached = |node| if let Node::Detach(number) = node { Err(number) } else { Ok(node) };
-        Cow::Owned(record(Graph::empty(), self.n_input, || {
+        Cow::Owned(record(self.empty_graph(), self.n_input, || {
             self.replayed(&inputs(self.n_input), attached, |_, call, inputs| match &call.callee {
                 Callee::Custom(operation) => push_call(operation, inputs),
                 callee => results_of(callee.clone(), inputs),
@@ -275,7 +285,7 @@ impl Recording {
         if !self.has_functions() {
             return Cow::Borrowed(self);
         }
-        Cow::Owned(record(Graph::empty(), self.n_input, || self.on(&inputs(self.n_input))))
+        Cow::Owned(record(self.empty_graph(), self.n_input, || self.on(&inputs(self.n_input))))
     }
 
     fn has_functions(&self) -> bool {
@@ -318,6 +328,11 @@ impl Recording {
     }
 
     fn graph(&self) -> Graph {
-        Graph::starting_from(&self.nodes, &self.calls)
+        Graph::starting_from(&self.nodes, &self.calls, self.arithmetic)
+    }
+
+    /// Of the same arithmetic, without nodes.
+    fn empty_graph(&self) -> Graph {
+        Graph::of_arithmetic(self.arithmetic)
     }
 }

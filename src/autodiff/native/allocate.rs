@@ -9,7 +9,7 @@ mod calls;
 use self::calls::{Functions, Signature, reach};
 use super::instruction::*;
 use super::layout::{Layout, Place};
-use super::lower::{Callee, Do, Lowered, Of, Operand, Step};
+use super::lower::{Do, Lowered, Of, Operand, Step};
 use std::collections::HashMap;
 use std::ops::Range;
 

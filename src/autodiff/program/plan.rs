@@ -1,7 +1,7 @@
 //! From a recorded graph to values: dead nodes dropped, products fused into sums, comparisons into selections.
 
 use super::value::{Action, CallOf, Callee, Instruction, Op, Tape, Value, ValueForm};
-use crate::autodiff::trace::{self, Node, Recording};
+use crate::autodiff::trace::{self, Arithmetic, Node, Recording};
 use std::collections::HashMap;
 
 /// From a graph to values.
@@ -59,7 +59,9 @@ impl<'a> Planner<'a> {
     /// The product that `i` may absorb: a multiplication that nothing else reads.
     fn lone_product(&self, i: u32) -> Option<(u32, u32)> {
         match self.recording.nodes[i as usize] {
-            Node::Mul(a, b) if self.uses[i as usize] == 1 => Some((a, b)),
+            Node::Mul(a, b) if self.uses[i as usize] == 1 && self.recording.arithmetic == Arithmetic::Free => {
+                Some((a, b))
+            }
             _ => None,
         }
     }
@@ -124,6 +126,7 @@ impl<'a> Planner<'a> {
                 }
                 (None, None) => instruction(Op::Sub, &[a, b]),
             },
+            Node::MulAdd(a, b, c) => self.plan_fused([a, b, c], node),
             Node::Mul(a, b) => instruction(Op::Mul, &[a, b]),
             Node::Div(a, b) => instruction(Op::Div, &[a, b]),
             Node::Neg(a) => instruction(Op::Neg, &[a]),
@@ -149,6 +152,38 @@ impl<'a> Planner<'a> {
                 _ => instruction(Op::Select, &[a, b, m]),
             },
         }
+    }
+
+    /// a·b + c in one rounding, with signs and a product c in the same instruction where nothing else reads them.
+    fn plan_fused(&mut self, [mut a, mut b, mut c]: [u32; 3], node: u32) -> Option<Planned> {
+        let mut is_negative = false;
+        for factor in [&mut a, &mut b] {
+            if let Some(x) = self.lone(*factor, |node| if let Node::Neg(x) = node { Some(x) } else { None }) {
+                is_negative = !is_negative;
+                *factor = x;
+            }
+        }
+        let product = |node| if let Node::Mul(p, q) = node { Some((p, q)) } else { None };
+        let (op, operands) = if let Some((p, q)) = self.lone(c, product) {
+            (if is_negative { Op::ProductDifference } else { Op::TwoProducts }, [a, b, p, q])
+        } else if is_negative {
+            (Op::NegMulAdd, [a, b, c, a])
+        } else if let Some(x) = self.lone(c, |node| if let Node::Neg(x) = node { Some(x) } else { None }) {
+            c = x;
+            (Op::MulSub, [a, b, c, a])
+        } else {
+            (Op::MulAdd, [a, b, c, a])
+        };
+        Some(Planned { what: What::Op(op, operands), node })
+    }
+
+    /// What `of` finds in a node that nothing else reads, which is then computed inside its reader.
+    fn lone<T>(&mut self, i: u32, of: impl FnOnce(Node) -> Option<T>) -> Option<T> {
+        let found = of(self.recording.nodes[i as usize]).filter(|_| self.uses[i as usize] == 1);
+        if found.is_some() {
+            self.absorb(&[i]);
+        }
+        found
     }
 
     /// Names what is left.

@@ -5,7 +5,7 @@
 //! and evaluated like any other.
 
 use super::function::{Function, Section};
-use super::graph::{Call, Callee, Graph, Node, with_graph};
+use super::graph::{Call, Callee, Node, with_graph};
 use super::{Recording, Trace, TraceMask, inputs, own, push, push_call, record, results_of};
 use crate::autodiff::program::Tape;
 use crate::autodiff::scalar::Scalar;
@@ -129,7 +129,7 @@ impl Recording {
             return Taped { recording: self.clone(), adjoints };
         }
         let (is_moved, is_seeded) = (self.moved_by(wanted), self.seeded_by(seeded));
-        let recording = record(Graph::empty(), self.n_input, || {
+        let recording = record(self.empty_graph(), self.n_input, || {
             self.replayed(&inputs(self.n_input), Ok, |at, call, operands| match &call.callee {
                 Callee::Custom(operation) => push_call(operation, operands),
                 Callee::Function(function) => {
@@ -268,36 +268,35 @@ fn pull_back_call(call: &Call, at: u32, adjoint: Option<&Adjoint>, behind: &[Opt
 }
 
 /// What `node` (whose value is `y`) passes to its operands when its own adjoint is `g`.
-pub(super) fn pull_back(node: Node, y: Trace, g: Trace) -> [Option<(u32, Trace)>; 2] {
+pub(super) fn pull_back(node: Node, y: Trace, g: Trace) -> [Option<(u32, Trace)>; 3] {
     use Node::*;
     let zero = Trace::zero;
     match node {
-        Input(_) | Constant(_) | Less(..) | And(..) | Or(..) | Not(_) | Detach(_) | Call(_) | Result(..) => {
-            [None, None]
-        }
-        Add(a, b) => [Some((a, g)), Some((b, g))],
-        Sub(a, b) => [Some((a, g)), Some((b, -g))],
-        Mul(a, b) => [Some((a, g * own(b))), Some((b, g * own(a)))],
+        Input(_) | Constant(_) | Less(..) | And(..) | Or(..) | Not(_) | Detach(_) | Call(_) | Result(..) => [None; 3],
+        Add(a, b) => [Some((a, g)), Some((b, g)), None],
+        Sub(a, b) => [Some((a, g)), Some((b, -g)), None],
+        Mul(a, b) => [Some((a, g * own(b))), Some((b, g * own(a))), None],
+        MulAdd(a, b, c) => [Some((a, g * own(b))), Some((b, g * own(a))), Some((c, g))],
         Div(a, b) => {
             let over = g * own(b).recip();
-            [Some((a, over)), Some((b, -(over * y)))]
+            [Some((a, over)), Some((b, -(over * y))), None]
         }
-        Neg(a) => [Some((a, -g)), None],
-        Recip(a) => [Some((a, -(g * (y * y)))), None],
-        Sqrt(a) => [Some((a, g * (Trace::constant(0.5) * y.recip()))), None],
-        Sin(a) => [Some((a, g * push(Cos(a)))), None],
-        Cos(a) => [Some((a, -(g * push(Sin(a))))), None],
-        Exp(a) => [Some((a, g * y)), None],
-        Ln(a) => [Some((a, g * own(a).recip())), None],
-        Tanh(a) => [Some((a, g * (Trace::one() - y * y))), None],
+        Neg(a) => [Some((a, -g)), None, None],
+        Recip(a) => [Some((a, -(g * (y * y)))), None, None],
+        Sqrt(a) => [Some((a, g * (Trace::constant(0.5) * y.recip()))), None, None],
+        Sin(a) => [Some((a, g * push(Cos(a)))), None, None],
+        Cos(a) => [Some((a, -(g * push(Sin(a))))), None, None],
+        Exp(a) => [Some((a, g * y)), None, None],
+        Ln(a) => [Some((a, g * own(a).recip())), None, None],
+        Tanh(a) => [Some((a, g * (Trace::one() - y * y))), None, None],
         Atan2(a, b) => {
             let (ty, tx) = (own(a), own(b));
             let over = g * (tx * tx + ty * ty).recip();
-            [Some((a, over * tx)), Some((b, -(over * ty)))]
+            [Some((a, over * tx)), Some((b, -(over * ty))), None]
         }
         Select(m, a, b) => {
             let mask = TraceMask(own(m).0);
-            [Some((a, Trace::select(mask, g, zero()))), Some((b, Trace::select(mask, zero(), g)))]
+            [Some((a, Trace::select(mask, g, zero()))), Some((b, Trace::select(mask, zero(), g))), None]
         }
     }
 }

@@ -119,8 +119,8 @@ impl Drop for Inner {
 /// Ends the function on top, and calls it.
 pub(super) fn end(outputs: &mut [Trace]) {
     let places = outputs.iter().map(|output| output.node()).collect();
-    let (Graph { nodes, calls, .. }, captured) = end_function();
-    let recording = Recording { nodes, calls, n_input: captured.len(), outputs: places };
+    let (Graph { nodes, calls, arithmetic, .. }, captured) = end_function();
+    let recording = Recording { nodes, calls, n_input: captured.len(), outputs: places, arithmetic };
     let section = Section::of(recording, Tape::None);
     let inputs: Vec<Trace> = captured.into_iter().map(own).collect();
     outputs.copy_from_slice(&section.on(&inputs));
@@ -206,8 +206,8 @@ impl Recording {
     pub(super) fn part(&self, given: &[u32], outputs: &[u32]) -> Self {
         let needed = self.between(given, outputs);
         let n_input = given.len();
-        let mut part =
-            Self { nodes: Vec::with_capacity(self.nodes.len()), calls: Vec::new(), n_input, outputs: Vec::new() };
+        let (nodes, calls) = (Vec::with_capacity(self.nodes.len()), Vec::new());
+        let mut part = Self { nodes, calls, n_input, outputs: Vec::new(), arithmetic: self.arithmetic };
         let mut place = vec![0; self.nodes.len()];
         for (node, k) in given.iter().zip(0..) {
             place[*node as usize] = k;

@@ -33,6 +33,8 @@ pub(crate) enum Node {
     And(u32, u32),
     Or(u32, u32),
     Not(u32),
+    /// a·b + c in one rounding where lanes have it: as a kernel of lanes wrote it.
+    MulAdd(u32, u32, u32),
     /// Mask, yes, no.
     Select(u32, u32, u32),
     /// The same number, that passes nothing back.
@@ -86,7 +88,7 @@ impl Node {
             Add(a, b) | Sub(a, b) | Mul(a, b) | Div(a, b) | Atan2(a, b) | Less(a, b) | And(a, b) | Or(a, b) => {
                 [Some(a), Some(b), None]
             }
-            Select(m, a, b) => [Some(m), Some(a), Some(b)],
+            Select(a, b, c) | MulAdd(a, b, c) => [Some(a), Some(b), Some(c)],
         }
     }
 
@@ -104,12 +106,23 @@ impl Node {
     }
 }
 
+/// How constants are folded, and which products are fused.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub(crate) enum Arithmetic {
+    /// Constants in `f64`; every lone product, into the sum that reads it.
+    #[default]
+    Free,
+    /// As compiled kernels of lanes have them, to the bit: constants in `f32`; products that are written so.
+    Lanes,
+}
+
 /// Nodes and calls so far, and at which node each is.
 pub(super) struct Graph {
     /// No other graph of the process has it.
     pub(super) id: u32,
     pub(super) nodes: Vec<Node>,
     pub(super) calls: Vec<Call>,
+    pub(super) arithmetic: Arithmetic,
     index: HashMap<Node, u32>,
     called: HashMap<Call, u32>,
     /// Of a function: nodes of the graph below that it reads, by the numbers of its inputs, and its own nodes for them.
@@ -175,7 +188,8 @@ pub(super) fn apart<R>(graph: Graph, f: impl FnOnce() -> R) -> (Graph, R) {
 /// Puts the graph of a function on top.
 pub(super) fn begin_function() {
     GRAPHS.with_borrow_mut(|Graphs { top, below }| {
-        let function = Graph { captured: Some(Default::default()), ..Graph::empty() };
+        let arithmetic = top.arithmetic;
+        let function = Graph { captured: Some(Default::default()), arithmetic, ..Graph::empty() };
         below.push(std::mem::replace(top, function));
     });
 }
@@ -197,10 +211,15 @@ impl Graph {
             id: NEXT.fetch_add(1, Ordering::Relaxed),
             nodes: Vec::new(),
             calls: Vec::new(),
+            arithmetic: Arithmetic::Free,
             index: HashMap::new(),
             called: HashMap::new(),
             captured: None,
         }
+    }
+
+    pub(super) fn of_arithmetic(arithmetic: Arithmetic) -> Self {
+        Self { arithmetic, ..Self::empty() }
     }
 
     /// The own node of a number of this graph or of one below, of which `below` ends with the next.
@@ -246,8 +265,23 @@ impl Graph {
     fn simplify(&self, node: Node) -> Result<Node, u32> {
         use Node::*;
         let c = |i| self.constant(i);
-        let value = |x: f64| Ok(Constant(x.to_bits()));
+        let is_free = self.arithmetic == Arithmetic::Free;
+        // of numbers of `f32`, sums, products, quotients and roots in `f64` are rounded to `f32` as if made there
+        let value = |x: f64| Ok(Constant(if is_free { x } else { f64::from(x as f32) }.to_bits()));
         match node {
+            Constant(bits) => value(f64::from_bits(bits)),
+            // of lanes, polynomials
+            Sin(_) | Cos(_) | Exp(_) | Ln(_) | Tanh(_) | Atan2(..) if !is_free => Ok(node),
+            MulAdd(a, b, d) => match (c(a), c(b), c(d)) {
+                (Some(x), Some(y), Some(z)) => value(f64::from((x as f32).mul_add(y as f32, z as f32))),
+                (Some(0.0), ..) | (_, Some(0.0), _) => Err(d),
+                (Some(1.0), ..) => self.simplify(Add(b, d)),
+                (_, Some(1.0), _) => self.simplify(Add(a, d)),
+                (Some(-1.0), ..) => self.simplify(Sub(d, b)),
+                (_, Some(-1.0), _) => self.simplify(Sub(d, a)),
+                (.., Some(0.0)) => self.simplify(Mul(a, b)),
+                _ => Ok(MulAdd(a.min(b), a.max(b), d)),
+            },
             Add(a, b) => match (c(a), c(b)) {
                 (Some(x), Some(y)) => value(x + y),
                 (Some(0.0), _) => Err(b),
@@ -337,6 +371,10 @@ impl Graph {
     }
 
     pub(super) fn push(&mut self, node: Node) -> u32 {
+        if let (Node::MulAdd(a, b, c), Arithmetic::Free) = (node, self.arithmetic) {
+            let product = self.push(Node::Mul(a, b));
+            return self.push(Node::Add(product, c));
+        }
         let node = self.without_signs(node);
         match self.simplify(node) {
             Err(existing) => existing,
@@ -348,7 +386,7 @@ impl Graph {
     }
 
     /// With these nodes and calls already recorded.
-    pub(super) fn starting_from(nodes: &[Node], calls: &[Call]) -> Self {
+    pub(super) fn starting_from(nodes: &[Node], calls: &[Call], arithmetic: Arithmetic) -> Self {
         let numbered = || nodes.iter().zip(0..);
         let called = numbered().filter_map(|(node, i)| match node {
             Node::Call(number) => Some((calls[*number as usize].clone(), i)),
@@ -359,6 +397,7 @@ impl Graph {
             called: called.collect(),
             nodes: nodes.to_vec(),
             calls: calls.to_vec(),
+            arithmetic,
             ..Self::empty()
         }
     }
