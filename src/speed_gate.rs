@@ -7,8 +7,7 @@
 use crate::autodiff::lanes::{Set, with_set};
 use crate::autodiff::program::BLOCK;
 use crate::autodiff::{Program, Recording, System};
-use crate::dynamics::batch::Plant;
-use crate::dynamics::{Effects, Integrator, Multirotor, Physics, vehicles};
+use crate::dynamics::{Effects, Multirotor, Physics, vehicles};
 use crate::rl::nn::aligned::Aligned;
 use crate::rl::nn::product::{Begin, Left, product};
 use std::hint::black_box;
@@ -126,29 +125,6 @@ fn is_optimised() -> bool {
     cfg!(debug_assertions) && least < 5e-9 * numbers.len() as f64
 }
 
-fn hummingbird(integrator: Integrator, substeps: usize) -> (Multirotor, Plant, Vec<f64>) {
-    let physics = Physics { dt: 0.016, substeps, integrator, effects: Effects::lean() };
-    let vehicle = vehicles::by_name("hummingbird").unwrap();
-    let (plant, rest) = Plant::rigid(&vehicle, physics).unwrap();
-    (Multirotor::new(&vehicle, physics).unwrap(), plant, rest)
-}
-
-#[test]
-fn the_physics_in_lanes_keep_their_speed() {
-    for (name, integrator, substeps, measured) in [
-        ("RK4 step", Integrator::RungeKutta4, 1, Measured { avx512: 8.3, avx2: 4.63 }),
-        ("semi-implicit step", Integrator::SemiImplicit, 2, Measured { avx512: 7.8, avx2: 4.06 }),
-    ] {
-        let (_, plant, rest) = hummingbird(integrator, substeps);
-        let start = plant.block(&rest, BLOCK);
-        let mut blocks = [start.clone()];
-        keeps(name, &measured, || {
-            blocks[0].rows.copy_from_slice(&start.rows);
-            (0..16).for_each(|_| plant.step(black_box(&mut blocks)));
-        });
-    }
-}
-
 #[test]
 fn interpreted_programs_in_lanes_keep_their_speed() {
     let (recording, n, rest) = recorded();
@@ -167,7 +143,9 @@ fn interpreted_programs_in_lanes_keep_their_speed() {
 
 /// A step of the Hummingbird, how many inputs it has, and a state.
 fn recorded() -> (Recording, usize, Vec<f64>) {
-    let (system, _, rest) = hummingbird(Integrator::RungeKutta4, 1);
+    let physics = Physics { dt: 0.016, effects: Effects::lean(), ..Physics::default() };
+    let system = Multirotor::new(&vehicles::by_name("hummingbird").unwrap(), physics).unwrap();
+    let rest = system.hover_state([0.0; 3]).unwrap();
     let (n, m) = (system.n_state(), system.n_input());
     let recording = Recording::of(n + m, |z| {
         let mut next = z[..n].to_vec();

@@ -1,9 +1,9 @@
-//! Many environments at once, in lanes.
+//! Many environments at once: a block of them is stepped by one program.
 
 mod breach;
 mod kernel;
 mod plant;
-mod tree_kernel;
+mod step_program;
 mod world;
 
 pub use breach::Breach;

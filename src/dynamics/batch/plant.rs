@@ -1,10 +1,12 @@
 //! What a batch steps: single multirotors in closed form, or articulated systems.
 
-use super::kernel::{self, ALIVE, StepBlocks, pack};
-use super::tree_kernel::StepTrees;
+use super::kernel::{self, ALIVE, pack};
+use super::step_program::{Numbers, StepProgram, recorded};
 use crate::autodiff::columns::Columns;
-use crate::autodiff::lanes::{Lanes, RegisterKernel, dispatch, each_register_of, first_lanes, to_columns};
+use crate::autodiff::lanes::{Lanes, RegisterKernel, each_register_of, first_lanes, to_columns};
+use crate::autodiff::once::made_once;
 use crate::autodiff::program::BLOCK;
+use crate::autodiff::{Recording, Trace};
 use crate::dynamics;
 use crate::dynamics::frame::Frame;
 use crate::dynamics::integrate::Grid;
@@ -12,10 +14,14 @@ use crate::dynamics::multirotor::{AnyModel, Multirotor, Physics};
 use crate::dynamics::plant::Quantity;
 use crate::dynamics::rigid::{Disturbance, Effects, RIGID_DIM, RigidModel, parameter_vector};
 use crate::dynamics::tree::frames;
+use crate::dynamics::tree::parameters::Source;
+use crate::dynamics::tree::scratch::scratch_on_stack;
+use crate::dynamics::tree::step::{self, Task};
 use crate::dynamics::tree::topology::Topology;
 use crate::dynamics::tree::{Model, Multibody, model_parameters};
 use crate::dynamics::vehicle::Vehicle;
 use crate::error::{Error, Result};
+use std::sync::{Arc, OnceLock};
 
 /// Rows of numbers, one column per environment.
 pub(crate) type Rows = Columns;
@@ -47,6 +53,7 @@ pub(crate) struct RigidPlant {
     radii: Vec<f64>,
     shared: Rows,
     words: Vec<Quantity>,
+    steps: Steps,
 }
 
 /// An articulated system. Numbers are those of [`model_parameters`].
@@ -60,6 +67,16 @@ pub(crate) struct TreePlant {
     disturbance_rows: Vec<usize>,
     shared: Rows,
     words: Vec<Quantity>,
+    steps: Steps,
+}
+
+/// Programs of a step, made when they are first asked for.
+#[derive(Debug, Clone, Default)]
+struct Steps {
+    /// For blocks that share their numbers, which are constants.
+    shared: OnceLock<Arc<StepProgram>>,
+    /// For blocks with numbers of their own.
+    own: OnceLock<Arc<StepProgram>>,
 }
 
 impl Plant {
@@ -76,6 +93,7 @@ impl Plant {
             radii: vehicle.rotors.iter().map(|r| r.radius).collect(),
             shared: Rows::default(),
             words: Vec::new(),
+            steps: Steps::default(),
         };
         let mut shared = Vec::new();
         plant.pack(&parameter_vector(vehicle), |x| shared.push([x as f32; BLOCK]));
@@ -99,6 +117,7 @@ impl Plant {
             shared: model_parameters(model).iter().map(|v| [*v as f32; BLOCK]).collect(),
             topology,
             words: Vec::new(),
+            steps: Steps::default(),
         };
         let rest = system.rest_state();
         plant.words = dynamics::Plant::from(system).numbers_in_words();
@@ -215,6 +234,7 @@ impl Plant {
 
     /// The block's own numbers, from now on.
     fn own<'a>(&self, block: &'a mut Block) -> &'a mut Rows {
+        self.program(true);
         block.numbers.get_or_insert_with(|| self.shared().clone())
     }
 
@@ -233,17 +253,50 @@ impl Plant {
         }
     }
 
-    /// One step of every block.
+    /// One step of every block. Whose numbers are shared and whose are a block's own makes no difference to a bit.
     pub(crate) fn step(&self, blocks: &mut [Block]) {
-        match self {
-            Self::Rigid(p) => match p.padded {
-                4 => p.step::<4>(blocks),
-                8 => p.step::<8>(blocks),
-                _ => p.step::<16>(blocks),
-            },
-            Self::Tree(p) => {
-                dispatch(StepTrees { blocks, shared: &p.shared, topology: &p.topology, grid: p.grid });
+        for own in [false, true] {
+            let mut alike = blocks.iter_mut().filter(|block| block.numbers.is_some() == own).peekable();
+            if alike.peek().is_some() {
+                self.program(own).run(alike);
             }
+        }
+    }
+
+    /// The program for blocks with numbers of their `own` or shared ones. Made when it is first asked for.
+    pub(crate) fn program(&self, own: bool) -> &StepProgram {
+        let steps = match self {
+            Self::Rigid(p) => &p.steps,
+            Self::Tree(p) => &p.steps,
+        };
+        let cell = if own { &steps.own } else { &steps.shared };
+        let program: &Arc<StepProgram> = made_once(cell, || {
+            let made = StepProgram::of(&self.recording(own), self.n_row());
+            Arc::new(made.expect("a step is no larger than a program may be"))
+        });
+        program
+    }
+
+    /// A step with numbers of the block's `own` or with the shared ones.
+    pub(super) fn recording(&self, own: bool) -> Recording {
+        let numbers = if own { Numbers::Own(self.n_number()) } else { Numbers::Shared(self.shared()) };
+        let n_input = self.n_input_row();
+        let n_state = self.alive_row() - n_input;
+        match self {
+            Self::Rigid(p) => recorded(n_state, n_input, numbers, |x, u, numbers| {
+                kernel::next_state(p.padded, p.effects, p.physics.grid(), (x, u, numbers))
+            }),
+            Self::Tree(p) => recorded(n_state, n_input, numbers, |x, u, numbers| {
+                next_state_of_tree(&p.topology, p.grid, (x, u, numbers))
+            }),
+        }
+    }
+
+    /// Rows of one input.
+    fn n_input_row(&self) -> usize {
+        match self {
+            Self::Rigid(p) => p.rows.alive - p.rows.action,
+            Self::Tree(p) => p.topology.n_input,
         }
     }
 
@@ -311,10 +364,6 @@ impl Plant {
 }
 
 impl RigidPlant {
-    fn step<const R: usize>(&self, blocks: &mut [Block]) {
-        dispatch(StepBlocks::<R> { blocks, shared: &self.shared, effects: self.effects, grid: self.physics.grid() });
-    }
-
     /// The kernel's numbers of a vector of [`parameter_vector`], one by one; allocates nothing.
     fn pack(&self, parameters: &[f64], put: impl FnMut(f64)) {
         let (radii, substep) = (&self.radii, self.physics.grid().substep);
@@ -324,6 +373,15 @@ impl RigidPlant {
             _ => pack(&RigidModel::<f64, 16>::from_parameters(parameters, radii, substep), put),
         }
     }
+}
+
+/// The next state of an articulated system, of state, input and numbers as rows have them.
+fn next_state_of_tree(t: &Topology, grid: Grid, (state, input, numbers): (&[Trace], &[Trace], &[Trace])) -> Vec<Trace> {
+    scratch_on_stack!(scratch, t, Trace);
+    scratch.end[..t.n_state].copy_from_slice(state);
+    scratch.input[..t.n_input].copy_from_slice(input);
+    step::run(t, Source::Values(numbers), Task::Step(grid), &mut scratch);
+    scratch.end[..t.n_state].to_vec()
 }
 
 pub(crate) fn wrong_length(what: &str, got: usize, wanted: usize) -> Error {

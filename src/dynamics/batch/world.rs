@@ -138,6 +138,7 @@ impl World {
         let less = "Step fewer environments at once";
         let request = Request { what: "n_env", value: n_env, bytes: needed, limit, setting, less };
         request.check(|limit| format!("1 to {}", (u128::from(limit) / of_block as u128) * BLOCK as u128))?;
+        plant.program(false);
         Ok(Self {
             n_env,
             physics,

@@ -1,0 +1,96 @@
+//! One step of a block of environments as a program, in place over its rows: recorded, then machine code.
+//!
+//! Rows of a block: state, input, `alive`. The model's numbers are constants of the program, or rows of their own.
+
+use super::kernel::{EXPLODED, STOPPED, heedless};
+use super::plant::{Block, Rows};
+use crate::autodiff::native::{Executable, Layout, Place, Rows as Array, Work};
+use crate::autodiff::program::BLOCK;
+use crate::autodiff::{Mask, Program, Recording, Scalar, Trace, safe};
+use crate::error::Result;
+use std::fmt;
+use std::sync::{Mutex, PoisonError};
+
+/// A step, and scratch of those that run it.
+pub(crate) struct StepProgram {
+    executable: Executable<[f32; BLOCK]>,
+    idle: Mutex<Vec<Work<[f32; BLOCK]>>>,
+}
+
+/// A step as a recording of rows: state, input, `alive`, and behind them numbers, unless those are constants. Results are state and
+/// `alive`. Its bits are those of a kernel compiled for lanes.
+pub(super) fn recorded(
+    n_state: usize,
+    n_input: usize,
+    numbers: Numbers<'_>,
+    step: impl FnOnce(&[Trace], &[Trace], &[Trace]) -> Vec<Trace>,
+) -> Recording {
+    let alive_row = n_state + n_input;
+    let n_row = alive_row + 1;
+    let n_own = if let Numbers::Own(n) = numbers { n } else { 0 };
+    Recording::of_lanes(n_row + n_own, |z| {
+        let numbers: Vec<Trace> = match numbers {
+            Numbers::Shared(rows) => rows.iter().map(|row| Trace::constant(row[0].into())).collect(),
+            Numbers::Own(_) => z[n_row..].to_vec(),
+        };
+        let (state, alive) = (&z[..n_state], z[alive_row]);
+        contained(state, alive, step(state, &z[n_state..alive_row], &numbers))
+    })
+}
+
+/// The numbers of a model.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Numbers<'a> {
+    /// Rows of equal numbers.
+    Shared(&'a Rows),
+    /// As many rows, of each environment's own.
+    Own(usize),
+}
+
+impl StepProgram {
+    /// Of a recording of rows, of which `n_row` are the block's.
+    pub(super) fn of(recording: &Recording, n_row: usize) -> Result<Self> {
+        let place = |array| move |row| Place { array, row: row as u32 };
+        let n_number = recording.n_input() - n_row;
+        let arguments = (0..n_row).map(place(0)).chain((0..n_number).map(place(1))).collect();
+        let results = (0..recording.n_output() - 1).chain([n_row - 1]).map(place(0)).collect();
+        let executable = Executable::new(&Program::compile(recording)?, Layout::new(arguments, results)?)?;
+        Ok(Self { executable, idle: Mutex::default() })
+    }
+
+    /// Steps blocks whose numbers are those of the program, or rows of their own.
+    pub(super) fn run<'a>(&self, blocks: impl Iterator<Item = &'a mut Block>) {
+        let idle = || self.idle.lock().unwrap_or_else(PoisonError::into_inner);
+        let taken = idle().pop();
+        let mut work = taken.unwrap_or_else(|| self.executable.work());
+        for block in blocks {
+            let rows = Array::Write(&mut block.rows);
+            let ran = match &block.numbers {
+                Some(numbers) => self.executable.run(&mut work, &mut [rows, Array::Read(numbers)], block.occupied),
+                None => self.executable.run(&mut work, &mut [rows], block.occupied),
+            };
+            ran.expect("rows of the plant");
+        }
+        idle().push(work);
+    }
+}
+
+/// Next states and `alive`. A lane that was not alive, or whose new state is not finite and bounded, keeps its state and ceases to be
+/// alive; its neighbours do not notice.
+fn contained(state: &[Trace], alive: Trace, next: Vec<Trace>) -> Vec<Trace> {
+    let was_alive = Trace::constant(0.5).lt(alive);
+    let ok = was_alive.and(safe::all_bounded(&next, EXPLODED)).or(heedless(alive));
+    let mut kept: Vec<Trace> = next.iter().zip(state).map(|(next, before)| Trace::select(ok, *next, *before)).collect();
+    let stopped = Trace::select(was_alive, Trace::constant(f64::from(STOPPED)), alive);
+    kept.push(Trace::select(ok, alive, stopped));
+    kept
+}
+
+impl fmt::Debug for StepProgram {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "StepProgram({:?})", self.executable.why_interpreted())
+    }
+}
+
+#[cfg(test)]
+mod tests;
