@@ -148,6 +148,11 @@ impl Workspace {
         self.slots().len() + self.scratch.len()
     }
 
+    /// Whether it is that of machine code.
+    pub(crate) fn is_native(&self) -> bool {
+        matches!(self.slots, Slots::Native(_))
+    }
+
     /// By number of the slot.
     pub(crate) fn slots(&self) -> &[f64] {
         match &self.slots {
@@ -202,13 +207,21 @@ impl Program {
     }
 
     fn compiled(recording: &Recording, scheduled: bool) -> Result<Self> {
+        Ok(Self::of_form(Self::form_of(recording)?, scheduled))
+    }
+
+    /// The values of a recording, for those who make code of them and interpret nothing.
+    ///
+    /// # Errors
+    /// As [`Program::compile`].
+    pub(crate) fn form_of(recording: &Recording) -> Result<ValueForm> {
         // a sine alone has its cosine beside it
         let n_value = recording.n_input + 2 * recording.nodes.len();
         if n_value > MAX_VALUES {
             let remedy = "Record a smaller function: one step instead of a rollout.";
             return Err(Error::limit("number of values of a program", n_value, MAX_VALUES, remedy));
         }
-        Ok(Self::of_form(ValueForm::of(recording), scheduled))
+        Ok(ValueForm::of(recording))
     }
 
     pub(crate) fn of_form(form: ValueForm, scheduled: bool) -> Self {

@@ -7,6 +7,7 @@
 //! | `x86` | the encoder |
 //! | `memory` | executable memory, and the call into it |
 //! | [`layout`](Layout) | where arguments and results lie |
+//! | `policy` | when code is made |
 //!
 //! An [`Executable`] works on rows where they are. Where code may not be made it interprets, with the same bits, and
 //! [says why](Executable::why_interpreted).
@@ -44,6 +45,7 @@ use elsewhere as code;
 pub(crate) use elsewhere::in_standard_modes;
 
 pub(crate) use code::Code;
+pub(crate) mod policy;
 
 use super::program::{Program, ValueForm};
 use super::trace::Recording;
