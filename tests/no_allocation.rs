@@ -404,6 +404,8 @@ fn gradients_grow_with_the_root_of_the_horizon() {
     let (x, u) = (system.hover_state([0.1, 0.0, 1.0]).unwrap(), system.hover_input().unwrap());
     let n = x.len();
     let rollout = Rollout::new(system, Stay).unwrap();
+    // more steps than those after which machine code is made
+    (0..3).for_each(|_| drop(rollout.gradient(&x, &u.repeat(1000), &[])));
     let held = |horizon: usize| {
         let inputs = u.repeat(horizon);
         let mut gradient = Gradient { state: vec![0.0; n], inputs: Vec::new(), parameters: Vec::new() };

@@ -21,12 +21,13 @@ use self::runs::{Neutral, Run};
 use super::columns::{Columns, LINE, Lines};
 use super::custom::{Operation, Scratch};
 use super::lanes::dispatch;
-use super::native::{self, Code, Layout, Row, Rows, WhyInterpreted, availability, in_standard_modes};
+use super::native::policy::{Instead, OnDemand};
+use super::native::{self, Code, Layout, Row, Rows, WhyInterpreted, in_standard_modes};
 use super::once::made_once;
 use super::scalar::Scalar;
 use super::trace::Recording;
 use crate::error::{Error, Result};
-use std::sync::{Arc, Mutex, OnceLock};
+use std::sync::{Arc, OnceLock};
 
 /// Slots of a small workspace: 32 KiB.
 const FEW_SLOTS: usize = 1 << 12;
@@ -116,12 +117,11 @@ pub struct Program {
     codes: Arc<Codes>,
 }
 
-/// Machine code of a program, made when somebody asks for the first workspace. Locks are tried and not waited for: in a process made by
-/// `fork` nobody may be there who gives them back.
+/// Machine code of a program, made when somebody asks for a workspace.
 #[derive(Debug, Default)]
 struct Codes {
-    single: Mutex<Option<Code>>,
-    block: Mutex<Option<Code>>,
+    single: OnDemand<Code>,
+    block: OnDemand<Code>,
 }
 
 /// Slots of one `f64` evaluation; made once, reused without allocation.
@@ -263,20 +263,21 @@ impl Program {
         self.code::<[f32; BLOCK]>(&self.codes.block).err()
     }
 
-    fn native_slots<R: Row>(&self, place: &Mutex<Option<Code>>) -> std::result::Result<NativeSlots, WhyInterpreted> {
-        let code = self.code::<R>(place)?;
-        Ok(NativeSlots { slots: code.slots(), code, form: self.arranged.clone() })
+    fn native_slots(&self, code: Code) -> NativeSlots {
+        NativeSlots { slots: code.slots(), code, form: self.arranged.clone() }
     }
 
     /// Machine code for rows of a kind, kept at `place`.
-    fn code<R: Row>(&self, place: &Mutex<Option<Code>>) -> std::result::Result<Code, WhyInterpreted> {
-        availability()?;
-        let make = || native::code::<R>(&self.arranged, &Layout::apart(self.n_input(), self.n_output()));
-        let Ok(mut place) = place.try_lock() else { return make() };
-        if place.is_none() {
-            *place = Some(make()?);
-        }
-        place.clone().map_or_else(make, Ok)
+    fn code<R: Row>(&self, place: &OnDemand<Code>) -> std::result::Result<Code, WhyInterpreted> {
+        place.now(|| self.made_code::<R>())
+    }
+
+    fn made_code<R: Row>(&self) -> std::result::Result<Code, WhyInterpreted> {
+        native::code::<R>(&self.arranged, &Layout::apart(self.n_input(), self.n_output()))
+    }
+
+    fn native_workspace(&self, code: Code) -> Workspace {
+        Workspace { scratch: Vec::new(), slots: Slots::Native(Box::new(self.native_slots(code))) }
     }
 
     /// Number of inputs.
@@ -306,10 +307,20 @@ impl Program {
 
     /// Scratch for [`Program::evaluate`]. The first one makes its machine code: about half a microsecond an instruction.
     pub fn workspace(&self) -> Workspace {
-        match self.native_slots::<f64>(&self.codes.single) {
-            Ok(native) => Workspace { scratch: Vec::new(), slots: Slots::Native(Box::new(native)) },
-            Err(_) => self.interpreter_workspace(),
-        }
+        let code = self.code::<f64>(&self.codes.single);
+        code.map_or_else(|_| self.interpreter_workspace(), |code| self.native_workspace(code))
+    }
+
+    /// As [`Program::workspace`] where so many evaluations, with those that were asked for before, are worth the code.
+    pub(crate) fn workspace_for(&self, n_evaluation: u64) -> Workspace {
+        self.native_workspace_for(n_evaluation).unwrap_or_else(|| self.interpreter_workspace())
+    }
+
+    /// The same; nothing where it would interpret.
+    pub(crate) fn native_workspace_for(&self, n_evaluation: u64) -> Option<Workspace> {
+        let place = &self.codes.single;
+        let code = place.ask(Instead::Interpreted, self.len(), n_evaluation, || self.made_code::<f64>())?;
+        Some(self.native_workspace(code))
     }
 
     /// Scratch with which [`Program::evaluate`] interprets, whether there is machine code or not.
@@ -346,10 +357,19 @@ impl Program {
 
     /// Scratch for [`Program::evaluate_block`]. The first one makes its machine code, as [`Program::workspace`] does.
     pub fn block_workspace(&self) -> BlockWorkspace {
-        match self.native_slots::<[f32; BLOCK]>(&self.codes.block) {
-            Ok(native) => BlockWorkspace { slots: Columns::default(), scratch: Vec::new(), native: Some(native) },
-            Err(_) => self.interpreter_block_workspace(),
-        }
+        let code = self.code::<[f32; BLOCK]>(&self.codes.block);
+        code.map_or_else(|_| self.interpreter_block_workspace(), |code| self.native_block_workspace(code))
+    }
+
+    /// As [`Program::block_workspace`] where so many evaluations, with those that were asked for before, are worth the code.
+    pub(crate) fn block_workspace_for(&self, n_evaluation: u64) -> BlockWorkspace {
+        let (place, make) = (&self.codes.block, || self.made_code::<[f32; BLOCK]>());
+        let code = place.ask(Instead::InterpretedBlock, self.len(), n_evaluation, make);
+        code.map_or_else(|| self.interpreter_block_workspace(), |code| self.native_block_workspace(code))
+    }
+
+    fn native_block_workspace(&self, code: Code) -> BlockWorkspace {
+        BlockWorkspace { slots: Columns::default(), scratch: Vec::new(), native: Some(self.native_slots(code)) }
     }
 
     /// Scratch with which [`Program::evaluate_block`] interprets, whether there is machine code or not.

@@ -3,18 +3,22 @@
 //! Reverse: λ_T = ∂c_T/∂x, then λₖ = ∂c/∂x + (∂f/∂x)ᵀ λₖ₊₁ with ∂J/∂uₖ = ∂c/∂u + (∂f/∂u)ᵀ λₖ₊₁, and likewise summed
 //! for θ (Bryson and Ho 1975, section 2.2). What of a step does not depend on λ, its inner values and partial derivatives, is
 //! computed for eight steps side by side; the chain rule over them is swept step by step. Where a custom function is called,
-//! one derived [`Program`] does a step's part. All states are kept up to 1 MiB. Beyond that they are
+//! one derived [`Program`] does a step's part. Steps and sweeps are machine code once so many were asked for that making it pays;
+//! no bit depends on it. All states are kept up to 1 MiB. Beyond that they are
 //! kept at every √T-th step only and recomputed within (Griewank 1992), so memory grows with √T and the rollout runs twice.
 
-use super::columns::LINE;
+use super::columns::{LINE, Lines};
+use super::native::policy::{Instead, OnDemand};
+use super::native::{Code, Layout, Place, Rows, WhyInterpreted, code};
 use super::program::{Program, Workspace};
-use super::sweep::{StepsScratch, Sweep};
+use super::sweep::{Pulled, StepsCode, StepsCodeScratch, StepsScratch, Sweep};
 use super::system::{Objective, System};
 use super::trace::chain::Price;
 use super::trace::{Recording, Trace};
 use super::{Scalar, trace};
 use crate::error::{Error, Result};
 use num_dual::Dual64;
+use std::sync::Arc;
 
 /// The gradient of a rollout's cost.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -64,6 +68,16 @@ pub struct Rollout<F, C> {
     step_adjoint: Adjoint,
     /// [x, θ, ρ] → [x̄, θ̄] of ρ·c_T.
     terminal_adjoint: Program,
+    codes: Arc<Codes>,
+}
+
+/// Machine code of a step, and what it is made of.
+#[derive(Debug)]
+struct Codes {
+    /// [x, u, θ] → [x⁺, c].
+    step: Recording,
+    forward: OnDemand<Code>,
+    backward: OnDemand<Arc<StepsCode>>,
 }
 
 /// [x, u, θ], [λ⁺, ρ] → [x̄, ū, θ̄] of λ⁺·f + ρ·c.
@@ -74,7 +88,8 @@ enum Adjoint {
     Program(Box<Program>),
 }
 
-/// Memory of a reverse sweep; made once, reused without allocation for horizons up to the longest seen.
+/// Memory of a reverse sweep; made once, reused without allocation for horizons up to the longest seen, but for the one time that
+/// machine code is made: after about 1500 steps of a rollout, whoever asked for them.
 #[derive(Debug, Clone)]
 pub struct Scratch {
     /// States at the start of each segment.
@@ -85,8 +100,28 @@ pub struct Scratch {
     longest: usize,
     arguments: Vec<f64>,
     results: Vec<f64>,
+    forward: Option<Forward>,
     step: StepScratch,
     terminal: Workspace,
+}
+
+/// Machine code of a step, with its slots.
+#[derive(Debug, Clone)]
+struct Forward {
+    code: Code,
+    slots: Lines,
+    of: Arc<Codes>,
+}
+
+impl Forward {
+    /// x⁺ behind x in `states`; returns c.
+    #[inline]
+    fn step(&mut self, states: &mut [f64], u: &[f64], theta: &[f64]) -> f64 {
+        let mut cost = [0.0];
+        let arrays = &mut [Rows::Write(states), Rows::Read(u), Rows::Read(theta), Rows::Write(&mut cost)];
+        assert!(self.code.run(&mut self.slots, arrays, 1), "lengths of a step");
+        cost[0]
+    }
 }
 
 #[derive(Debug, Clone)]
@@ -96,11 +131,20 @@ enum StepScratch {
         /// [x, u, θ] of eight steps side by side.
         points: Vec<[f64; LINE]>,
     },
+    Code {
+        code: Box<StepsCodeScratch>,
+        /// As above.
+        points: Vec<[f64; LINE]>,
+        /// ∂J/∂u of a step, where nobody asks for it.
+        unread: Vec<f64>,
+    },
     Program(Workspace),
 }
 
 /// Steps after which a sweep asks whether it goes on, a multiple of [`LINE`]; at the end of a segment besides.
 const ASKED: usize = 256;
+
+const LENGTHS: &str = "lengths of state, parameters, inputs";
 
 /// Bytes of states up to which all are kept.
 const KEPT: usize = 1 << 20;
@@ -128,8 +172,10 @@ impl Scratch {
             + self.results.capacity()
             + match &self.step {
                 StepScratch::Chain { sweep, points } => sweep.len() + LINE * points.len(),
+                StepScratch::Code { code, points, unread } => code.len() + LINE * points.len() + unread.len(),
                 StepScratch::Program(workspace) => workspace.len(),
             }
+            + self.forward.as_ref().map_or(0, |forward| LINE * forward.slots.len())
             + self.terminal.len();
         numbers * size_of::<f64>()
     }
@@ -148,7 +194,8 @@ impl<F: System, C: Objective> Rollout<F, C> {
             None => Adjoint::Program(Box::new(Program::compile_single(&step.adjoint(0..n + m + p))?)),
         };
         let terminal = Recording::of(n + p, |z| vec![objective.terminal(&z[..n], &z[n..])]).adjoint(0..n + p);
-        Ok(Self { step_adjoint, terminal_adjoint: Program::compile_single(&terminal)?, system, objective })
+        let codes = Arc::new(Codes { step, forward: OnDemand::default(), backward: OnDemand::default() });
+        Ok(Self { step_adjoint, terminal_adjoint: Program::compile_single(&terminal)?, system, objective, codes })
     }
 
     /// The system.
@@ -178,13 +225,14 @@ impl<F: System, C: Objective> Rollout<F, C> {
             longest: 0,
             arguments: vec![0.0; n + m + p + n + 1],
             results: vec![0.0; n + m + p],
+            forward: None,
             step: match &self.step_adjoint {
                 Adjoint::Chain(sweep) => {
                     StepScratch::Chain { sweep: sweep.steps_scratch(), points: vec![[0.0; LINE]; n + m + p] }
                 }
-                Adjoint::Program(program) => StepScratch::Program(program.workspace()),
+                Adjoint::Program(program) => StepScratch::Program(program.interpreter_workspace()),
             },
-            terminal: self.terminal_adjoint.workspace(),
+            terminal: self.terminal_adjoint.interpreter_workspace(),
         }
     }
 
@@ -197,12 +245,24 @@ impl<F: System, C: Objective> Rollout<F, C> {
     /// # Panics
     /// If a slice does not have the system's length, or `inputs` no multiple of it.
     pub fn cost(&self, state: &[f64], inputs: &[f64], parameters: &[f64]) -> f64 {
-        self.cost_of(state.to_vec(), inputs, parameters)
+        let (n, m, p) = self.sizes();
+        let Some(mut forward) = self.codes.forward([n, m, p], (inputs.len() / m.max(1)) as u64) else {
+            return self.cost_of(state.to_vec(), inputs, parameters);
+        };
+        assert_eq!((state.len(), parameters.len(), inputs.len() % m.max(1)), (n, p, 0), "{LENGTHS}");
+        // a state and the one behind it, in turns
+        let (mut states, mut total) = (vec![0.0; 2 * n], 0.0);
+        states[n..].copy_from_slice(state);
+        for u in inputs.chunks_exact(m.max(1)) {
+            states.copy_within(n.., 0);
+            total += forward.step(&mut states, u, parameters);
+        }
+        total + self.objective.terminal(&states[n..], parameters)
     }
 
     fn cost_of<S: Scalar>(&self, mut x: Vec<S>, inputs: &[f64], theta: &[S]) -> S {
         let (n, m, p) = self.sizes();
-        assert_eq!((x.len(), theta.len(), inputs.len() % m.max(1)), (n, p, 0), "lengths of state, parameters, inputs");
+        assert_eq!((x.len(), theta.len(), inputs.len() % m.max(1)), (n, p, 0), "{LENGTHS}");
         let mut next = x.clone();
         let mut u = vec![S::zero(); m];
         let mut total = S::zero();
@@ -222,8 +282,16 @@ impl<F: System, C: Objective> Rollout<F, C> {
     /// # Panics
     /// As [`Rollout::cost`].
     pub fn trajectory(&self, state: &[f64], inputs: &[f64], parameters: &[f64]) -> Vec<f64> {
-        let (n, m, _) = self.sizes();
+        let (n, m, p) = self.sizes();
         let mut states = state.to_vec();
+        if let Some(mut forward) = self.codes.forward([n, m, p], (inputs.len() / m) as u64) {
+            assert_eq!((states.len(), inputs.len() % m), (n, 0), "{LENGTHS}");
+            states.resize(n * (inputs.len() / m + 1), 0.0);
+            for (k, u) in inputs.chunks_exact(m).enumerate() {
+                forward.step(&mut states[k * n..(k + 2) * n], u, parameters);
+            }
+            return states;
+        }
         let mut next = vec![0.0; n];
         for u in inputs.chunks_exact(m) {
             let x = &states[states.len() - n..];
@@ -298,6 +366,7 @@ impl<F: System, C: Objective> Rollout<F, C> {
         assert!(m > 0 && inputs.len().is_multiple_of(m), "inputs are rows of {m} numbers, not {} in all", inputs.len());
         assert_eq!((gradient.state.len(), gradient.parameters.len()), (n, p), "lengths of the gradient");
         let horizon = inputs.len() / m;
+        self.ask_for_code(scratch, horizon as u64);
         scratch.segment.resize((segment + 1) * n, 0.0);
         let mut cost = self.sweep_forward(scratch, segment, (state, inputs, parameters), goes_on)?;
         cost += self.start_backward(scratch, parameters, gradient);
@@ -344,13 +413,48 @@ impl<F: System, C: Objective> Rollout<F, C> {
                 w.anchors.extend_from_slice(&w.results[..n]);
                 w.segment[..n].copy_from_slice(&w.results[..n]);
             }
-            let (done, rest) = w.segment.split_at_mut(at + n);
-            let x = &done[at..];
-            cost += self.objective.stage(x, u, theta);
-            self.system.step(x, u, theta, &mut rest[..n]);
-            w.results[..n].copy_from_slice(&rest[..n]);
+            cost += self.step_forward(w, at, u, theta);
+            w.results[..n].copy_from_slice(&w.segment[at + n..at + 2 * n]);
         }
         Some(cost)
+    }
+
+    /// From the state at `x` in the segment the one behind it; returns c.
+    fn step_forward(&self, w: &mut Scratch, x: usize, u: &[f64], theta: &[f64]) -> f64 {
+        let n = self.system.n_state();
+        let states = &mut w.segment[x..x + 2 * n];
+        if let Some(forward) = &mut w.forward {
+            return forward.step(states, u, theta);
+        }
+        let (x, next) = states.split_at_mut(n);
+        self.system.step(x, u, theta, next);
+        self.objective.stage(x, u, theta)
+    }
+
+    /// Machine code into `scratch`, where so many steps, with those that were asked for before, are worth it.
+    fn ask_for_code(&self, w: &mut Scratch, n_step: u64) {
+        let sizes @ [n, m, p] = self.sizes().into();
+        if w.forward.as_ref().is_none_or(|forward| !Arc::ptr_eq(&forward.of, &self.codes)) {
+            w.forward = self.codes.forward(sizes, n_step);
+        }
+        match (&self.step_adjoint, &mut w.step) {
+            (Adjoint::Program(program), StepScratch::Program(workspace)) if !workspace.is_native() => {
+                if let Some(native) = program.native_workspace_for(n_step) {
+                    *workspace = native;
+                }
+            }
+            (Adjoint::Chain(sweep), step) => {
+                let make = || StepsCode::new(sweep, sizes);
+                let Some(made) = self.codes.backward.ask(Instead::Swept, sweep.len(), n_step, make) else {
+                    return;
+                };
+                if !matches!(step, StepScratch::Code { code, .. } if code.is_of(&made)) {
+                    let code = Box::new(StepsCodeScratch::new(&made, p));
+                    *step = StepScratch::Code { code, points: vec![[0.0; LINE]; n + m + p], unread: vec![0.0; m] };
+                }
+            }
+            _ => {}
+        }
     }
 
     /// λ_T into `gradient.state`, ∂c_T/∂θ into `gradient.parameters`; returns c_T.
@@ -371,16 +475,18 @@ impl<F: System, C: Objective> Rollout<F, C> {
         let (n, m, _) = self.sizes();
         w.segment[..n].copy_from_slice(&w.anchors[s * n..(s + 1) * n]);
         for (k, u) in inputs.chunks_exact(m).enumerate() {
-            let (done, rest) = w.segment.split_at_mut((k + 1) * n);
-            self.system.step(&done[k * n..], u, theta, &mut rest[..n]);
+            self.step_forward(w, k * n, u, theta);
         }
     }
 
     /// θ into the points of all steps.
     fn write_parameters(&self, w: &mut Scratch, theta: &[f64]) {
-        if let StepScratch::Chain { points, .. } = &mut w.step {
+        if let StepScratch::Chain { points, .. } | StepScratch::Code { points, .. } = &mut w.step {
             let from = points.len() - theta.len();
             points[from..].iter_mut().zip(theta).for_each(|(row, value)| *row = [*value; LINE]);
+        }
+        if let StepScratch::Code { code, .. } = &mut w.step {
+            code.write_parameters(theta);
         }
     }
 
@@ -388,9 +494,10 @@ impl<F: System, C: Objective> Rollout<F, C> {
     /// stands in the other lanes is left open.
     fn prepare(&self, w: &mut Scratch, inputs: &[f64], x: usize) {
         let (n, m, _) = self.sizes();
-        let (Adjoint::Chain(sweep), StepScratch::Chain { sweep: scratch, points }) = (&self.step_adjoint, &mut w.step)
-        else {
-            return;
+        let points = match &mut w.step {
+            StepScratch::Code { code, points, .. } if code.is_side_by_side() => points,
+            StepScratch::Chain { points, .. } => points,
+            _ => return,
         };
         let (states, commands) = points.split_at_mut(n);
         for (lane, u) in inputs.chunks_exact(m).enumerate() {
@@ -398,13 +505,24 @@ impl<F: System, C: Objective> Rollout<F, C> {
             states.iter_mut().zip(own).for_each(|(row, value)| row[lane] = *value);
             commands.iter_mut().zip(u).for_each(|(row, value)| row[lane] = *value);
         }
-        sweep.evaluate_steps(scratch, points);
+        match (&self.step_adjoint, &mut w.step) {
+            (_, StepScratch::Code { code, points, .. }) => code.evaluate(points),
+            (Adjoint::Chain(sweep), StepScratch::Chain { sweep: scratch, points }) => {
+                sweep.evaluate_steps(scratch, points);
+            }
+            _ => {}
+        }
     }
 
     /// One step of λ, from the state at `x` in the segment.
     fn step_backward(&self, w: &mut Scratch, x: usize, u: &[f64], theta: &[f64], gradient: &mut Gradient, k: usize) {
         let (n, m, p) = self.sizes();
         let (a, b, c) = (n, n + m, n + m + p);
+        if let StepScratch::Code { code, unread, .. } = &mut w.step {
+            let Gradient { state, inputs, parameters } = gradient;
+            let input = if inputs.is_empty() { &mut unread[..] } else { &mut inputs[k * m..(k + 1) * m] };
+            return code.pull(x / n.max(1), &w.segment[x..x + n], u, Pulled { state, input, parameters });
+        }
         w.arguments[c..c + n].copy_from_slice(&gradient.state);
         w.arguments[c + n] = 1.0;
         match (&self.step_adjoint, &mut w.step) {
@@ -446,6 +564,25 @@ impl<F: System, C: Objective> Rollout<F, C> {
         let parameters = gradient.split_off(n);
         (cost, Gradient { state: gradient, inputs: Vec::new(), parameters })
     }
+}
+
+impl Codes {
+    /// Machine code of a step, where so many, with those that were asked for before, are worth it.
+    fn forward(self: &Arc<Self>, sizes: [usize; 3], n_step: u64) -> Option<Forward> {
+        let make = || forward_code(&self.step, sizes);
+        let code = self.forward.ask(Instead::Compiled, self.step.nodes.len(), n_step, make)?;
+        Some(Forward { slots: code.slots(), code, of: self.clone() })
+    }
+}
+
+/// Of [x, u, θ] → [x⁺, c], where x⁺ lies behind x.
+fn forward_code(step: &Recording, [n, m, p]: [usize; 3]) -> std::result::Result<Code, WhyInterpreted> {
+    let form = Program::form_of(step).map_err(|_| WhyInterpreted::TooLarge)?;
+    let rows = |array: u8, rows: std::ops::Range<usize>| rows.map(move |row| Place { array, row: row as u32 });
+    let arguments = rows(0, 0..n).chain(rows(1, 0..m)).chain(rows(2, 0..p));
+    let results = rows(0, n..2 * n).chain(rows(3, 0..1));
+    let layout = Layout::new(arguments.collect(), results.collect()).map_err(|_| WhyInterpreted::TooLarge)?;
+    code::<f64>(&Arc::new(form), &layout)
 }
 
 /// [x, u, θ] → [f(x, u, θ), c(x, u, θ)].
@@ -515,6 +652,90 @@ mod tests {
         }
         assert_eq!(segment_length(500, 17), 500);
         assert_eq!(segment_length(10_000, 17), 100);
+    }
+
+    /// Costs and gradients over several horizons by machine code, against those of the interpreter and of compiled steps.
+    fn has_equal_bits_by_machine_code<F: System + Clone>(system: F, x: &[f64], is_side_by_side: bool) {
+        let (m, theta) = (system.n_input(), vec![1.0; system.n_parameter()]);
+        let rollout = Rollout::new(system.clone(), Distance).unwrap();
+        let (mut interpreted, mut scratch) = (rollout.scratch(), rollout.scratch());
+        rollout.ask_for_code(&mut scratch, u64::MAX);
+        let is_native = crate::autodiff::native::availability().is_ok();
+        assert_eq!(scratch.forward.is_some(), is_native);
+        match &scratch.step {
+            StepScratch::Code { code, .. } => assert_eq!((is_native, code.is_side_by_side()), (true, is_side_by_side)),
+            StepScratch::Program(workspace) => assert_eq!(workspace.is_native(), is_native),
+            StepScratch::Chain { .. } => assert!(!is_native),
+        }
+        let bits = |(cost, g): (f64, &Gradient)| -> Vec<u64> {
+            let numbers = [cost].into_iter().chain(g.state.iter().chain(&g.inputs).chain(&g.parameters).copied());
+            numbers.map(f64::to_bits).collect()
+        };
+        for horizon in [0, 1, 7, 8, 9, 30] {
+            let inputs: Vec<f64> = (0..horizon * m).map(|k| -0.2 + 0.3 * (k as f64).sin()).collect();
+            for (segment, with_inputs) in [(horizon.max(1), true), (5, true), (5, false)] {
+                let own = |rollout: &Rollout<F, Distance>, scratch: &mut Scratch| {
+                    let inputs_gradient = vec![0.0; if with_inputs { inputs.len() } else { 0 }];
+                    let mut gradient = Gradient {
+                        state: vec![0.0; x.len()],
+                        inputs: inputs_gradient,
+                        parameters: vec![0.0; theta.len()],
+                    };
+                    let at = (x, &inputs[..], &theta[..]);
+                    let cost = rollout.gradient_by(segment, scratch, at, &mut gradient, &mut || true).unwrap();
+                    bits((cost, &gradient))
+                };
+                let by_code = own(&rollout, &mut scratch);
+                // of which nobody has asked for so many
+                let fresh = Rollout::new(system.clone(), Distance).unwrap();
+                assert_eq!(by_code, own(&fresh, &mut interpreted), "{horizon} steps, {segment} at a time");
+                assert!(interpreted.forward.is_none() && !matches!(interpreted.step, StepScratch::Code { .. }));
+                let cost = rollout.cost(x, &inputs, &theta);
+                assert_eq!(cost.to_bits(), by_code[0]);
+                assert_eq!(cost.to_bits(), fresh.cost(x, &inputs, &theta).to_bits());
+                let [a, b] = [&rollout, &fresh].map(|rollout| rollout.trajectory(x, &inputs, &theta));
+                assert!(a.iter().zip(&b).all(|(a, b)| a.to_bits() == b.to_bits()) && a.len() == b.len());
+            }
+        }
+    }
+
+    #[test]
+    fn a_gradient_has_the_same_bits_by_machine_code_eight_steps_side_by_side() {
+        let system = Multirotor::new(&vehicles::by_name("hummingbird").unwrap(), Physics::default()).unwrap();
+        let x = system.hover_state([0.0, -0.0, 1.0]).unwrap();
+        has_equal_bits_by_machine_code(system, &x, true);
+    }
+
+    /// A spring with two parameters that are multiplied into a chain of functions, long enough to be swept step by step.
+    #[derive(Clone)]
+    struct Chained(usize);
+    impl System for Chained {
+        fn n_state(&self) -> usize {
+            3
+        }
+        fn n_input(&self) -> usize {
+            1
+        }
+        fn n_parameter(&self) -> usize {
+            2
+        }
+        fn step<S: Scalar>(&self, x: &[S], u: &[S], theta: &[S], next: &mut [S]) {
+            let mut y = x[0];
+            for k in 0..self.0 {
+                let (s, c) = (S::constant(0.5) * y * theta[k % 2]).sin_cos();
+                y = s * x[1] + c * u[0] + S::select(y.lt(c), s, -y);
+            }
+            next[0] = x[0] + S::constant(0.1) * x[1];
+            next[1] = y;
+            next[2] = S::constant(0.9) * x[2];
+        }
+    }
+
+    #[test]
+    fn a_gradient_has_the_same_bits_by_machine_code_one_step_after_the_other() {
+        has_equal_bits_by_machine_code(Chained(600), &[0.3, -0.2, 0.1], false);
+        has_equal_bits_by_machine_code(Chained(3), &[0.3, -0.2, 0.1], true);
+        has_equal_bits_by_machine_code(Chained(3), &[0.0, -0.0, -0.0], true);
     }
 
     #[test]

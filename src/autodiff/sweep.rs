@@ -9,8 +9,10 @@
 //! decoded, and no weight leaves its register to be read again. Of a larger one the values alone are machine code. Its code would no
 //! longer stay in the cache, and instructions that are read once per evaluation cost more than the loop that is here.
 
+mod steps;
 mod whole;
 
+pub(crate) use self::steps::{Pulled, StepsCode, StepsCodeScratch};
 use self::whole::Whole;
 use super::columns::{LINE, Lines};
 use super::lanes::{Kernel, Lanes, dispatch};
