@@ -87,7 +87,7 @@ impl BatchRollout {
         let n_rollout = self.check(states, inputs, parameters)?;
         let blocks = threads.map(n_rollout.div_ceil(BLOCK), |b| {
             let rows = &states[b * BLOCK * self.n_state..states.len().min((b + 1) * BLOCK * self.n_state)];
-            Sweep::new(self).run(rows, inputs, parameters)
+            Sweep::new(self, inputs.len() / self.n_input).run(rows, inputs, parameters)
         });
         let mut result = BatchGradient {
             costs: Vec::with_capacity(n_rollout),
@@ -148,18 +148,20 @@ struct Sweep<'a> {
 }
 
 impl<'a> Sweep<'a> {
-    fn new(of: &'a BatchRollout) -> Self {
+    fn new(of: &'a BatchRollout, horizon: usize) -> Self {
         let (n, m, p) = (of.n_state, of.n_input, of.n_parameter);
+        // forward, and once more within segments
+        let (n_step, n_back) = (2 * horizon as u64, horizon as u64);
         Self {
             of,
             arguments: Columns::zeros(n + m + p + n + 1),
             results: Columns::zeros((n + 1).max(n + p)),
             anchors: Vec::new(),
             segment: Vec::new(),
-            step: of.step.block_workspace(),
-            step_adjoint: of.step_adjoint.block_workspace(),
-            terminal: of.terminal.block_workspace(),
-            terminal_adjoint: of.terminal_adjoint.block_workspace(),
+            step: of.step.block_workspace_for(n_step),
+            step_adjoint: of.step_adjoint.block_workspace_for(n_back),
+            terminal: of.terminal.block_workspace_for(1),
+            terminal_adjoint: of.terminal_adjoint.block_workspace_for(1),
         }
     }
 

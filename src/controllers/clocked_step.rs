@@ -58,13 +58,14 @@ impl ClockedStep {
         &self.general
     }
 
-    /// A block of flights, all numbers zero.
-    pub(super) fn block(&self) -> Block {
-        let programs = self.special.iter().map(|(_, program)| program).chain([&self.general]);
+    /// A block of flights, all numbers zero, that is to be advanced about so many times.
+    pub(super) fn block(&self, n_step: u64) -> Block {
+        let n_program = self.special.len() + 1;
         Block {
             arguments: vec![[0.0; BLOCK]; self.general.n_input()],
             next: vec![[0.0; BLOCK]; self.general.n_output()],
-            workspaces: programs.map(Program::block_workspace).collect(),
+            workspaces: vec![None; n_program],
+            n_each: n_step.div_ceil(n_program as u64),
         }
     }
 }
@@ -74,8 +75,10 @@ pub(super) struct Block {
     /// x, u, θ.
     arguments: Vec<[f32; BLOCK]>,
     next: Vec<[f32; BLOCK]>,
-    /// Of each program.
-    workspaces: Vec<BlockWorkspace>,
+    /// Of each program, once it has been run.
+    workspaces: Vec<Option<BlockWorkspace>>,
+    /// How often each is about to be run.
+    n_each: u64,
 }
 
 impl Block {
@@ -98,13 +101,16 @@ impl Block {
     /// One step of the first `n_flight` flights, under the same first inputs.
     pub(super) fn advance(&mut self, step: &ClockedStep, n_flight: usize, clocked: &[f64]) {
         let n = self.next.len();
-        for (row, value) in self.arguments[n..].iter_mut().zip(clocked) {
-            *row = [*value as f32; BLOCK];
-        }
         let own = &clocked[step.fixed.clone()];
         let at = step.special.iter().position(|(known, _)| known == own).unwrap_or(step.special.len());
+        // a program that is made for them does not read them
+        let known = if at < step.special.len() { step.fixed.clone() } else { 0..0 };
+        for (k, value) in clocked.iter().enumerate().filter(|(k, _)| !known.contains(k)) {
+            self.arguments[n + k] = [*value as f32; BLOCK];
+        }
         let program = step.special.get(at).map_or(&step.general, |(_, program)| program);
-        program.evaluate_lanes(n_flight, &mut self.workspaces[at], &self.arguments, &mut self.next);
+        let workspace = self.workspaces[at].get_or_insert_with(|| program.block_workspace_for(self.n_each));
+        program.evaluate_lanes(n_flight, workspace, &self.arguments, &mut self.next);
         self.arguments[..n].copy_from_slice(&self.next);
     }
 }

@@ -159,7 +159,7 @@ impl<'a, L: ControlLaw> MonteCarlo<'a, L> {
                     own
                 })
                 .collect();
-            Block::new(self, &draws)?.run(self, target, b * BLOCK, n_step)
+            Block::new(self, &draws, n_step)?.run(self, target, b * BLOCK, n_step)
         });
         Ok(blocks.into_iter().collect::<Result<Vec<_>>>()?.concat())
     }
@@ -180,9 +180,9 @@ struct Block {
 }
 
 impl Block {
-    fn new<L: ControlLaw>(of: &MonteCarlo<'_, L>, draws: &[MonteCarloDraw]) -> Result<Self> {
+    fn new<L: ControlLaw>(of: &MonteCarlo<'_, L>, draws: &[MonteCarloDraw], n_step: u64) -> Result<Self> {
         let p = of.system.n_parameter();
-        let (mut now, mut input) = (of.step.block(), vec![0.0; of.system.n_input()]);
+        let (mut now, mut input) = (of.step.block(n_step), vec![0.0; of.system.n_input()]);
         for (lane, own) in draws.iter().enumerate() {
             of.system.plant().check_state(&own.start)?;
             if own.parameters.len() != p {

@@ -287,7 +287,8 @@ impl Flights<'_> {
         rows: &[Vec<f64>],
         flights: Range<usize>,
     ) -> Vec<Watch> {
-        let (mut block, theta) = (step.block(), system.parameters());
+        let n_step = self.n_step * flights.len().div_ceil(BLOCK) as u64;
+        let (mut block, theta) = (step.block(n_step), system.parameters());
         let (mut fates, mut waiting) = (vec![Watch::default(); flights.len()], flights.clone());
         // (flight, steps flown) by lane
         let mut lanes: Vec<(usize, u64)> = Vec::new();

@@ -4,7 +4,7 @@ use super::Sweep;
 use crate::autodiff::columns::{LINE, Lines};
 use crate::autodiff::native::policy::MAX_SIDE_BY_SIDE;
 use crate::autodiff::native::{Code, Layout, Place, Rows, WhyInterpreted, code};
-use crate::autodiff::program::{Action, Instruction, Program, Source, Value, ValueForm};
+use crate::autodiff::program::{Action, Instruction, Program, Source, Tape, Value, ValueForm};
 use std::sync::Arc;
 
 /// Machine code of a step's [x, u, θ], [λ⁺, 1] → [x̄, ū, θ̄].
@@ -158,8 +158,8 @@ fn side_by_side(sweep: &Sweep, sizes: [usize; 3]) -> Result<StepsCode, WhyInterp
     let place = |weight: &Result<usize, usize>| Value(weight.map_or_else(|k| n_input + k, |row| row) as u32);
     let places: Vec<Value> = places.iter().map(place).collect();
     let n_value = n_input + n_constant;
-    let mut pull =
-        ValueForm { n_input, constants, instructions: Vec::new(), calls: Vec::new(), results: Vec::new(), n_value };
+    let (instructions, calls, results) = (Vec::new(), Vec::new(), Vec::new());
+    let mut pull = ValueForm { n_input, constants, instructions, calls, results, n_value, tape: Tape::None };
     append_sweep(sweep, &mut pull, &places, Ends::from(n_weight, n, p));
     weights.results = varying;
     let own = (0..n_weight).map(|row| Place { array: 0, row: (LINE * row) as u32 });

@@ -400,7 +400,7 @@ impl Env {
         }
         let program = self.core.program(&layout)?;
         let mut value = vec![0.0; layout.n_result()];
-        program.evaluate(&mut program.workspace(), arguments, &mut value);
+        program.evaluate(&mut program.workspace_for(1), arguments, &mut value);
         Ok(value)
     }
 
