@@ -276,12 +276,6 @@ impl Program {
         native::code::<R>(&self.arranged, &Layout::apart(self.n_input(), self.n_output()))
     }
 
-    /// Instructions that code is made of: those of functions once.
-    fn n_code(&self) -> usize {
-        let functions = self.arranged.functions();
-        self.arranged.instructions.len() + functions.iter().map(|form| form.instructions.len()).sum::<usize>()
-    }
-
     fn native_workspace(&self, code: Code) -> Workspace {
         Workspace { scratch: Vec::new(), slots: Slots::Native(Box::new(self.native_slots(code))) }
     }
@@ -296,9 +290,11 @@ impl Program {
         self.form.results.len()
     }
 
-    /// Number of instructions, with calls.
+    /// Number of instructions, with calls, as code is made of them: those of a function that is called count once, and those of one
+    /// that is put where it is called count there.
     pub fn len(&self) -> usize {
-        self.form.instructions.len()
+        let functions = self.arranged.functions();
+        self.arranged.instructions.len() + functions.iter().map(|form| form.instructions.len()).sum::<usize>()
     }
 
     /// Whether there is nothing to do but copy constants and inputs.
@@ -325,7 +321,7 @@ impl Program {
     /// The same; nothing where it would interpret.
     pub(crate) fn native_workspace_for(&self, n_evaluation: u64) -> Option<Workspace> {
         let place = &self.codes.single;
-        let code = place.ask(Instead::Interpreted, self.n_code(), n_evaluation, || self.made_code::<f64>())?;
+        let code = place.ask(Instead::Interpreted, self.len(), n_evaluation, || self.made_code::<f64>())?;
         Some(self.native_workspace(code))
     }
 
@@ -370,7 +366,7 @@ impl Program {
     /// As [`Program::block_workspace`] where so many evaluations, with those that were asked for before, are worth the code.
     pub(crate) fn block_workspace_for(&self, n_evaluation: u64) -> BlockWorkspace {
         let (place, make) = (&self.codes.block, || self.made_code::<[f32; BLOCK]>());
-        let code = place.ask(Instead::InterpretedBlock, self.n_code(), n_evaluation, make);
+        let code = place.ask(Instead::InterpretedBlock, self.len(), n_evaluation, make);
         code.map_or_else(|| self.interpreter_block_workspace(), |code| self.native_block_workspace(code))
     }
 

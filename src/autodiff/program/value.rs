@@ -8,6 +8,7 @@ use crate::autodiff::custom::Operation;
 use crate::autodiff::trace::Recording;
 use std::collections::HashSet;
 use std::fmt;
+use std::hash::{Hash, Hasher};
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -160,12 +161,22 @@ pub struct Instruction {
 }
 
 /// What a call calls.
-#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Callee {
     /// A custom function.
     Custom(Operation),
     /// A recorded function, with fusions decided inside.
     Function(Arc<ValueForm>),
+}
+
+/// Of a function, by its size alone: it is called many times, and hashed with each of its calls.
+impl Hash for Callee {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        match self {
+            Self::Custom(operation) => operation.hash(state),
+            Self::Function(form) => (form.n_input, form.n_value, form.results.len()).hash(state),
+        }
+    }
 }
 
 impl Callee {
