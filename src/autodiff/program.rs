@@ -210,11 +210,16 @@ impl Program {
         Ok(Self::of_form(Self::form_of(recording)?, scheduled))
     }
 
-    /// The values of a recording, for those who make code of them and interpret nothing.
+    /// The values of a recording, arranged for those who make code of them and interpret nothing.
     ///
     /// # Errors
     /// As [`Program::compile`].
-    pub(crate) fn form_of(recording: &Recording) -> Result<ValueForm> {
+    pub(crate) fn code_form(recording: &Recording) -> Result<ValueForm> {
+        let form = inline::with_long_functions(&Arc::new(Self::form_of(recording)?));
+        Ok(Arc::unwrap_or_clone(form))
+    }
+
+    fn form_of(recording: &Recording) -> Result<ValueForm> {
         // a sine alone has its cosine beside it
         let n_value = recording.n_input + 2 * recording.nodes.len();
         if n_value > MAX_VALUES {

@@ -4,7 +4,7 @@
 //! for θ (Bryson and Ho 1975, section 2.2). What of a step does not depend on λ, its inner values and partial derivatives, is
 //! computed for eight steps side by side; the chain rule over them is swept step by step. Where a custom function is called,
 //! one derived [`Program`] does a step's part. Steps and sweeps are machine code once so many were asked for that making it pays;
-//! no bit depends on it. All states are kept up to 1 MiB. Beyond that they are
+//! no bit depends on it but signs of zeros, while numbers are finite. All states are kept up to 1 MiB. Beyond that they are
 //! kept at every √T-th step only and recomputed within (Griewank 1992), so memory grows with √T and the rollout runs twice.
 
 use super::columns::{LINE, Lines};
@@ -446,6 +446,7 @@ impl<F: System, C: Objective> Rollout<F, C> {
             (Adjoint::Chain(sweep), step) => {
                 let make = || StepsCode::new(sweep, sizes);
                 let Some(made) = self.codes.backward.ask(Instead::Swept, sweep.len(), n_step, make) else {
+                    assert!(!matches!(step, StepScratch::Code { .. }), "scratch of the rollout");
                     return;
                 };
                 if !matches!(step, StepScratch::Code { code, .. } if code.is_of(&made)) {
@@ -570,14 +571,14 @@ impl Codes {
     /// Machine code of a step, where so many, with those that were asked for before, are worth it.
     fn forward(self: &Arc<Self>, sizes: [usize; 3], n_step: u64) -> Option<Forward> {
         let make = || forward_code(&self.step, sizes);
-        let code = self.forward.ask(Instead::Compiled, self.step.nodes.len(), n_step, make)?;
+        let code = self.forward.ask(Instead::Compiled, self.step.n_operation(), n_step, make)?;
         Some(Forward { slots: code.slots(), code, of: self.clone() })
     }
 }
 
 /// Of [x, u, θ] → [x⁺, c], where x⁺ lies behind x.
 fn forward_code(step: &Recording, [n, m, p]: [usize; 3]) -> std::result::Result<Code, WhyInterpreted> {
-    let form = Program::form_of(step).map_err(|_| WhyInterpreted::TooLarge)?;
+    let form = Program::code_form(step).map_err(|_| WhyInterpreted::TooLarge)?;
     let rows = |array: u8, rows: std::ops::Range<usize>| rows.map(move |row| Place { array, row: row as u32 });
     let arguments = rows(0, 0..n).chain(rows(1, 0..m)).chain(rows(2, 0..p));
     let results = rows(0, n..2 * n).chain(rows(3, 0..1));

@@ -27,13 +27,22 @@ fn push_call(operation: &Operation, inputs: &[Trace]) -> Vec<Trace> {
     results_of(Callee::Custom(operation.clone()), inputs)
 }
 
-/// The results of a call on the graph on top.
+/// The results of a call on the graph on top, of the one that is already there or a new one.
 fn results_of(callee: Callee, inputs: &[Trace]) -> Vec<Trace> {
+    results(callee, inputs, Graph::call).1
+}
+
+/// Likewise of a new one, with its node.
+fn new_results_of(callee: Callee, inputs: &[Trace]) -> (u32, Vec<Trace>) {
+    results(callee, inputs, |graph, call| graph.new_call(&call))
+}
+
+fn results(callee: Callee, inputs: &[Trace], push: impl FnOnce(&mut Graph, Call) -> u32) -> (u32, Vec<Trace>) {
     let n = callee.n_output() as u32;
     let call = Call { callee, operands: inputs.iter().map(|x| x.node()).collect() };
     with_graph(|graph| {
-        let node = graph.call(call);
-        (1..=n).map(|k| Trace((graph.id, node + k))).collect()
+        let node = push(graph, call);
+        (node, (1..=n).map(|k| Trace((graph.id, node + k))).collect())
     })
 }
 
@@ -286,6 +295,15 @@ impl Recording {
             return Cow::Borrowed(self);
         }
         Cow::Owned(record(self.empty_graph(), self.n_input, || self.on(&inputs(self.n_input))))
+    }
+
+    /// Operations, with those of functions as often as they are called.
+    pub(crate) fn n_operation(&self) -> usize {
+        let of_call = |call: &Call| match &call.callee {
+            Callee::Custom(_) => 1,
+            Callee::Function(function) => function.recording().n_operation(),
+        };
+        self.nodes.len() + self.calls.iter().map(of_call).sum::<usize>()
     }
 
     fn has_functions(&self) -> bool {

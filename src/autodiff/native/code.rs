@@ -107,8 +107,16 @@ impl Native {
         }
         memory::refusal()?;
         let made = Arc::new(Self::made(key)?);
-        cache().entry(hash).or_default().push(Arc::downgrade(&made));
-        Ok(made)
+        let mut cache = cache();
+        let alike = cache.entry(hash).or_default();
+        // another thread may have been faster; shares are let go when the lock is free again, as above
+        let others: Vec<Arc<Self>> = alike.iter().filter_map(Weak::upgrade).collect();
+        let other = others.iter().find(|code| code.key == made.key).cloned();
+        if other.is_none() {
+            alike.push(Arc::downgrade(&made));
+        }
+        drop(cache);
+        Ok(other.unwrap_or(made))
     }
 
     fn made(key: Key) -> Result<Self, WhyInterpreted> {

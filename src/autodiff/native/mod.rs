@@ -86,7 +86,10 @@ impl fmt::Display for WhyInterpreted {
             #[cfg(target_os = "linux")]
             Self::Refused(refusal) => write!(f, "the system gives no executable memory: {refusal}"),
             Self::TooLarge => {
-                write!(f, "the program has more than {MAX_STEPS} values, numbers of calls or results")
+                write!(
+                    f,
+                    "the program has more than {MAX_STEPS} values, numbers of calls or results, or rows beyond {MAX_ROWS}"
+                )
             }
             Self::Full => write!(f, "{} MiB of machine code are in use", MAX_CODE >> 20),
         }

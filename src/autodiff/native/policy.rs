@@ -1,6 +1,7 @@
 //! When machine code is made, and of how much at once.
 //!
-//! Everybody who runs a program asks here. Counts decide and no clock does: the evaluations asked for so far, of one program in one
+//! Rollouts, loops and batches of gradients ask here; a workspace that is asked for by itself, and worlds, have code at once. Counts
+//! decide and no clock does: the evaluations asked for so far, of one program in one
 //! process, against the instructions that code would be made of.
 
 use super::WhyInterpreted;
@@ -88,7 +89,11 @@ impl<T: Clone> OnDemand<T> {
         if !pays(instead, n_instruction, asked) || super::availability().is_err() {
             return None;
         }
-        let Ok(mut made) = self.made.try_lock() else { return make().ok() };
+        // whoever comes while another thread makes it does without once more
+        let mut made = self.made.try_lock().ok()?;
+        if matches!(*made, Some(Err(WhyInterpreted::Full))) {
+            *made = None;
+        }
         made.get_or_insert_with(make).as_ref().ok().cloned()
     }
 }

@@ -12,48 +12,55 @@ const MOST: usize = 1 << 18;
 
 /// The program as machine code is made of it: what is short or called once is no call.
 pub(super) fn with_long_functions(form: &Arc<ValueForm>) -> Arc<ValueForm> {
-    Arranger { shortest: LONG, done: HashMap::new() }.form(form)
+    Arranger::new(form, LONG).form(form)
 }
 
 /// The program as it is interpreted: without calls, unless that made it huge.
 pub(super) fn with_few_calls(form: &Arc<ValueForm>) -> Arc<ValueForm> {
     let shortest = if form.n_flat(&mut HashMap::new()) > MOST { LONG } else { usize::MAX };
-    Arranger { shortest, done: HashMap::new() }.form(form)
+    Arranger::new(form, shortest).form(form)
 }
+
+/// Functions as they are run, by their addresses, and whether they stay functions.
+type Stays = HashMap<*const ValueForm, (Arc<ValueForm>, bool)>;
 
 struct Arranger {
     /// Instructions of the shortest function that stays one.
     shortest: usize,
-    /// Functions as they are run, by their addresses, with what has these.
-    done: HashMap<*const ValueForm, (Arc<ValueForm>, Arc<ValueForm>)>,
+    /// In how many places each is called, of the program and of all functions.
+    n_site: HashMap<*const ValueForm, usize>,
+    stays: Stays,
 }
 
 impl Arranger {
+    fn new(form: &Arc<ValueForm>, shortest: usize) -> Self {
+        let mut n_site = HashMap::new();
+        let functions = form.functions();
+        for function in functions.iter().chain([form]).flat_map(|caller| caller.called()) {
+            *n_site.entry(Arc::as_ptr(function)).or_default() += 1;
+        }
+        Self { shortest, n_site, stays: HashMap::new() }
+    }
+
     fn form(&mut self, form: &Arc<ValueForm>) -> Arc<ValueForm> {
         if !form.has_functions() {
             return form.clone();
         }
-        if let Some((_, done)) = self.done.get(&Arc::as_ptr(form)) {
-            return done.clone();
-        }
-        let mut n_site: HashMap<*const ValueForm, usize> = HashMap::new();
-        form.called().for_each(|function| *n_site.entry(Arc::as_ptr(function)).or_default() += 1);
-        let mut stays: HashMap<*const ValueForm, (Arc<ValueForm>, bool)> = HashMap::new();
         for function in form.called() {
-            let own = self.form(function);
-            let is_called = own.instructions.len() >= self.shortest && n_site[&Arc::as_ptr(function)] > 1;
-            stays.insert(Arc::as_ptr(function), (own, is_called));
+            let at = Arc::as_ptr(function);
+            if !self.stays.contains_key(&at) {
+                let own = self.form(function);
+                let is_called = own.instructions.len() >= self.shortest && self.n_site[&at] > 1;
+                self.stays.insert(at, (own, is_called));
+            }
         }
-        let done = Arc::new(Flat::of(form, &stays));
-        self.done.insert(Arc::as_ptr(form), (form.clone(), done.clone()));
-        done
+        Arc::new(Flat::of(form, &self.stays))
     }
 }
 
 /// A program whose functions are put in its place, with equal instructions made once.
 struct Flat<'a> {
-    /// Functions as they are run, and whether they stay functions.
-    stays: &'a HashMap<*const ValueForm, (Arc<ValueForm>, bool)>,
+    stays: &'a Stays,
     form: ValueForm,
     constants: HashMap<u64, Value>,
     known: HashMap<Action, Value>,
@@ -63,7 +70,7 @@ struct Flat<'a> {
 }
 
 impl<'a> Flat<'a> {
-    fn of(form: &ValueForm, stays: &'a HashMap<*const ValueForm, (Arc<ValueForm>, bool)>) -> ValueForm {
+    fn of(form: &ValueForm, stays: &'a Stays) -> ValueForm {
         let mut all: Vec<u64> = form.constants.clone();
         for function in form.called() {
             if let (own, false) = &stays[&Arc::as_ptr(function)] {

@@ -125,7 +125,7 @@ fn one_by_one(sweep: &Sweep, sizes: [usize; 3]) -> Result<StepsCode, WhyInterpre
     let mut recording = sweep.weights.clone();
     let first = recording.n_input;
     recording.n_input += n + p + 2;
-    let mut form = Program::form_of(&recording).map_err(|_| WhyInterpreted::TooLarge)?;
+    let mut form = Program::code_form(&recording).map_err(|_| WhyInterpreted::TooLarge)?;
     let weights = std::mem::take(&mut form.results);
     let n_before = form.instructions.len();
     append_sweep(sweep, &mut form, &weights, Ends::from(first, n, p));

@@ -123,7 +123,7 @@ fn form_of(sweep: &Sweep, chain: &Chain, groups: &[Group], width: usize) -> Resu
     let n_input = chain.values.n_input;
     let mut weights = sweep.weights.clone();
     weights.n_input += width;
-    let mut form = Program::form_of(&weights)?;
+    let mut form = Program::code_form(&weights)?;
     let weights = std::mem::take(&mut form.results);
     let weight = |number: u32| weights[number as usize - sweep.n_result];
     let mut sums: Vec<Vec<Option<Value>>> = Vec::with_capacity(chain.vertices.len());

@@ -5,10 +5,11 @@
 //! and evaluated like any other.
 
 use super::function::{Function, Section};
-use super::graph::{Call, Callee, Node, with_graph};
-use super::{Recording, Trace, TraceMask, inputs, own, push, push_call, record, results_of};
+use super::graph::{Call, Callee, Node};
+use super::{Recording, Trace, TraceMask, inputs, new_results_of, own, push, push_call, record, results_of};
 use crate::autodiff::program::Tape;
 use crate::autodiff::scalar::Scalar;
+use std::collections::HashMap;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -19,7 +20,7 @@ pub(super) struct Adjoint {
     seeded: Vec<bool>,
     wanted: Vec<bool>,
     /// The function's results, and behind them what its derivatives are made of.
-    forward: Function,
+    pub(super) forward: Function,
     /// The adjoints of the wanted inputs.
     reverse: Section,
     /// What the inputs of `reverse` are.
@@ -41,11 +42,14 @@ impl Adjoint {
     }
 }
 
-/// A recording that goes forward before its adjoint: its functions give what theirs are made of, by number of the call.
+/// A recording that goes forward before its adjoint: its functions give what theirs are made of.
 struct Taped {
     recording: Recording,
-    adjoints: Vec<Option<Arc<Adjoint>>>,
+    adjoints: Adjoints,
 }
+
+/// Adjoints of functions, by the nodes of their calls.
+type Adjoints = HashMap<u32, Arc<Adjoint>>;
 
 impl Recording {
     /// The adjoint with respect to the inputs in `with_respect_to`: inputs `[x; ȳ]` (those of this recording, then one
@@ -68,7 +72,7 @@ impl Recording {
         let recording = self.inlined();
         record(recording.graph(), recording.n_input, || {
             let inputs = input_nodes(places(with_respect_to));
-            let sweep = |output: &u32| recording.reverse_sweep(&[], &[(*output, Trace::one())], &inputs);
+            let sweep = |output: &u32| recording.reverse_sweep(&Adjoints::new(), &[(*output, Trace::one())], &inputs);
             let rows: Vec<Vec<Trace>> = recording.outputs.iter().map(sweep).collect();
             (0..inputs.len()).flat_map(|k| rows.iter().map(move |row| row[k])).collect()
         })
@@ -89,6 +93,9 @@ impl Recording {
         let (mut given, mut reads, mut results) = (Vec::new(), Vec::new(), taped.recording.outputs.clone());
         let mut is_given = vec![false; joint.nodes.len()];
         let mut give = |i: u32| {
+            if is_given[i as usize] {
+                return;
+            }
             let read = match joint.nodes[i as usize] {
                 Node::Input(k) if (k as usize) < self.n_input => Read::Input(k),
                 Node::Input(k) => Read::Seed(k - self.n_input as u32),
@@ -102,10 +109,9 @@ impl Recording {
                     Read::Result(known as u32)
                 }
             };
-            if !std::mem::replace(&mut is_given[i as usize], true) {
-                given.push(i);
-                reads.push(read);
-            }
+            is_given[i as usize] = true;
+            given.push(i);
+            reads.push(read);
         };
         late.flat_map(|i| joint.nodes[i].operands(&joint.calls))
             .chain(joint.outputs.iter().copied())
@@ -124,7 +130,7 @@ impl Recording {
 
     /// The same recording with functions that give what their adjoints are made of.
     fn taped(&self, seeded: &[bool], wanted: &[bool]) -> Taped {
-        let mut adjoints: Vec<Option<Arc<Adjoint>>> = Vec::new();
+        let mut adjoints = Adjoints::new();
         if !self.has_functions() {
             return Taped { recording: self.clone(), adjoints };
         }
@@ -140,14 +146,10 @@ impl Recording {
                         return results_of(call.callee.clone(), operands);
                     }
                     let adjoint = function.adjoint(seeded, &wanted);
-                    let mut results = results_of(Callee::Function(adjoint.forward.clone()), operands);
+                    // a call of its own, also where an equal one is there: that has an adjoint of its own
+                    let (at, mut results) = new_results_of(Callee::Function(adjoint.forward.clone()), operands);
+                    adjoints.insert(at, adjoint);
                     results.truncate(n);
-                    // equal calls are one
-                    let n_call = with_graph(|graph| graph.calls.len());
-                    if adjoints.len() < n_call {
-                        adjoints.resize(n_call, None);
-                        adjoints[n_call - 1] = Some(adjoint);
-                    }
                     results
                 }
             })
@@ -189,7 +191,7 @@ impl Recording {
         node.operands(&self.calls).skip(n_mask).take(n)
     }
 
-    fn reverse_sweep(&self, adjoints: &[Option<Arc<Adjoint>>], seeds: &[(u32, Trace)], inputs: &[u32]) -> Vec<Trace> {
+    fn reverse_sweep(&self, adjoints: &Adjoints, seeds: &[(u32, Trace)], inputs: &[u32]) -> Vec<Trace> {
         let mut adjoint: Vec<Option<Trace>> = vec![None; self.nodes.len()];
         let accumulate = |adjoint: &mut Vec<Option<Trace>>, i: u32, value: Trace| {
             let sum = &mut adjoint[i as usize];
@@ -200,7 +202,7 @@ impl Recording {
         }
         for i in (0..self.nodes.len()).rev() {
             if let Node::Call(number) = self.nodes[i] {
-                let own = adjoints.get(number as usize).and_then(Option::as_deref);
+                let own = adjoints.get(&(i as u32)).map(|adjoint| &**adjoint);
                 for (operand, value) in pull_back_call(&self.calls[number as usize], i as u32, own, &adjoint[i + 1..]) {
                     accumulate(&mut adjoint, operand, value);
                 }

@@ -17,7 +17,7 @@ use std::sync::{Arc, Mutex, OnceLock, Weak};
 /// Fewer operations than these are recorded where they are: a call would cost as much.
 const FEW: usize = 16;
 
-/// A function that recordings call. Each of its inputs is read, its results are computed and differ.
+/// A function that recordings call.
 #[derive(Clone)]
 pub(crate) struct Function(Arc<Inner>);
 
@@ -72,7 +72,10 @@ impl Function {
             return found.clone();
         }
         let made = make();
-        known.push(made.clone());
+        // a linear function goes forward as it is, and would hold itself
+        if made.forward != *self {
+            known.push(made.clone());
+        }
         made
     }
 }

@@ -407,11 +407,17 @@ impl Graph {
         if let Some(node) = self.called.get(&call) {
             return *node;
         }
+        let node = self.new_call(&call);
+        self.called.insert(call, node);
+        node
+    }
+
+    /// The node of a new call.
+    pub(super) fn new_call(&mut self, call: &Call) -> u32 {
         let node = self.nodes.len() as u32;
         self.nodes.push(Node::Call(self.calls.len() as u32));
         self.nodes.extend((0..call.callee.n_output() as u32).map(|k| Node::Result(node, k)));
         self.calls.push(call.clone());
-        self.called.insert(call, node);
         node
     }
 }

@@ -253,7 +253,8 @@ impl Plant {
         }
     }
 
-    /// One step of every block. Whose numbers are shared and whose are a block's own makes no difference to a bit.
+    /// One step of every block. Whose numbers are shared and whose are a block's own makes no difference to a bit but the sign of a
+    /// zero, while numbers are finite: a shared zero is left out of products and sums.
     pub(crate) fn step(&self, blocks: &mut [Block]) {
         for own in [false, true] {
             let mut alike = blocks.iter_mut().filter(|block| block.numbers.is_some() == own).peekable();
@@ -283,10 +284,13 @@ impl Plant {
         let n_input = self.n_input_row();
         let n_state = self.alive_row() - n_input;
         match self {
-            Self::Rigid(p) => recorded(n_state, n_input, numbers, |x, u, numbers| {
-                kernel::next_state(p.padded, p.effects, p.physics.grid(), (x, u, numbers))
-            }),
-            Self::Tree(p) => recorded(n_state, n_input, numbers, |x, u, numbers| {
+            Self::Rigid(p) => {
+                let actions: Vec<usize> = (p.rows.action..p.rows.action + p.n_rotor).collect();
+                recorded(n_state, n_input, numbers, &actions, |x, u, numbers| {
+                    kernel::next_state(p.padded, p.effects, p.physics.grid(), (x, u, numbers))
+                })
+            }
+            Self::Tree(p) => recorded(n_state, n_input, numbers, &p.action_rows, |x, u, numbers| {
                 next_state_of_tree(&p.topology, p.grid, (x, u, numbers))
             }),
         }

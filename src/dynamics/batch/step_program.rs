@@ -18,11 +18,12 @@ pub(crate) struct StepProgram {
 }
 
 /// A step as a recording of rows: state, input, `alive`, and behind them numbers, unless those are constants. Results are state and
-/// `alive`. Its bits are those of a kernel compiled for lanes.
+/// `alive`. `actions` are rows. Its bits are those of a kernel compiled for lanes.
 pub(super) fn recorded(
     n_state: usize,
     n_input: usize,
     numbers: Numbers<'_>,
+    actions: &[usize],
     step: impl FnOnce(&[Trace], &[Trace], &[Trace]) -> Vec<Trace>,
 ) -> Recording {
     let alive_row = n_state + n_input;
@@ -34,7 +35,8 @@ pub(super) fn recorded(
             Numbers::Own(_) => z[n_row..].to_vec(),
         };
         let (state, alive) = (&z[..n_state], z[alive_row]);
-        contained(state, alive, step(state, &z[n_state..alive_row], &numbers))
+        let actions: Vec<Trace> = actions.iter().map(|row| z[*row]).collect();
+        contained(state, &actions, alive, step(state, &z[n_state..alive_row], &numbers))
     })
 }
 
@@ -75,11 +77,14 @@ impl StepProgram {
     }
 }
 
-/// Next states and `alive`. A lane that was not alive, or whose new state is not finite and bounded, keeps its state and ceases to be
-/// alive; its neighbours do not notice.
-fn contained(state: &[Trace], alive: Trace, next: Vec<Trace>) -> Vec<Trace> {
+/// Next states and `alive`. A lane that was not alive, whose new state is not finite and bounded or whose action is no number, moved it
+/// what it moved, keeps its state and ceases to be alive; its neighbours do not notice.
+fn contained(state: &[Trace], actions: &[Trace], alive: Trace, next: Vec<Trace>) -> Vec<Trace> {
     let was_alive = Trace::constant(0.5).lt(alive);
-    let ok = was_alive.and(safe::all_bounded(&next, EXPLODED)).or(heedless(alive));
+    let one = Trace::one();
+    let clipped: Vec<Trace> = actions.iter().map(|action| action.clamp(-one, one)).collect();
+    let is_healthy = safe::all_bounded(&next, EXPLODED).and(safe::all_bounded(&clipped, 2.0));
+    let ok = was_alive.and(is_healthy).or(heedless(alive));
     let mut kept: Vec<Trace> = next.iter().zip(state).map(|(next, before)| Trace::select(ok, *next, *before)).collect();
     let stopped = Trace::select(was_alive, Trace::constant(f64::from(STOPPED)), alive);
     kept.push(Trace::select(ok, alive, stopped));

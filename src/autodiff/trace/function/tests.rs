@@ -180,6 +180,50 @@ fn in_function<S: Scalar>(body: impl FnOnce() -> S) -> S {
     result[0]
 }
 
+/// Signs that two minus make are taken out once, and again where a recording is repeated: two calls become equal then.
+#[test]
+fn calls_that_become_equal_keep_adjoints_of_their_own() {
+    let operation = Operation::new(Mixed);
+    let kernel = |x: &[Trace], has_functions: bool| {
+        let (e, c, w) = (x[0], x[1], x[2]);
+        let part = |y: Trace| {
+            let body = |results: &mut [Trace]| {
+                results[0] = long(y, w, 20);
+                results[1] = long(w, y, 7);
+            };
+            let mut results = [Trace::zero(); 2];
+            if has_functions {
+                Trace::function(&mut results, body)
+            } else {
+                body(&mut results)
+            }
+            results
+        };
+        let [a, _] = part((-e) - (-c));
+        let mut between = [Trace::zero(); 2];
+        operation.call(&[x[3], e], &mut between);
+        let [_, b] = part(c - e);
+        vec![a, between[0] + between[1], b]
+    };
+    let z = [0.3, -0.2, 0.7, 0.4, 1.0, -0.5, 0.25];
+    let adjoint = |has_functions| value(&Recording::of(4, |x| kernel(x, has_functions)).adjoint(0..4), &z);
+    assert_near(&adjoint(true), &adjoint(false), "adjoint");
+}
+
+#[test]
+fn what_is_called_in_many_places_stays_a_function_wherever_one_of_them_is_put() {
+    let inner = |x: Trace, y: Trace| in_function(|| long(x, y, 200));
+    let size = |calls_it_too: bool| {
+        let recording = Recording::of(2, |x| {
+            let outer = in_function(|| (0..20).fold(x[0], |sum, _| inner(sum, x[1])));
+            let own = if calls_it_too { inner(x[1], x[0]) } else { x[1] };
+            vec![outer, own]
+        });
+        Program::compile(&recording).unwrap().len()
+    };
+    assert!(size(true) < size(false) + 10, "{} and {} instructions", size(true), size(false));
+}
+
 #[test]
 fn equal_parts_are_one_function_also_of_other_numbers_and_of_other_recordings() {
     let record = || {
@@ -292,7 +336,7 @@ fn a_thousand_steps_are_a_thousand_calls_and_their_adjoint_as_many_again() {
                     for _ in 0..5 {
                         let sine = state[0].sin_cos().0;
                         state[1] -= sine * Trace::constant(1e-3);
-                        state[0] = state[0] + state[1] * Trace::constant(1e-3);
+                        state[0] += state[1] * Trace::constant(1e-3);
                     }
                 });
             }
