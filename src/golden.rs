@@ -21,8 +21,8 @@ const TABLE: &[(&str, &str, &str)] = &[
     ("OmavHover", "2d620daf94a8250c", "3ff7d2d3fc1c01ba"),
     ("OverHover", "1f3283eb8ea12f10", "f366bb663d4f9104"),
     ("Formation", "075130462ddddc33", "62ecead03b238d9f"),
-    ("Hover by APG", "ff0cb61455047659", "1c3317a6d8fdda03"),
-    ("PayloadHover by SHAC", "68c9b92c4c53cb73", "baa744448e9d26bf"),
+    ("Hover by APG", "398fc0344dd6090c", "8fb9ed29d3293751"),
+    ("PayloadHover by SHAC", "184c2021a3362e55", "596372aa7a2486d9"),
     ("Hover by PPO", "4d772457dbd1bf4c", "480481bf4c434fc0"),
 ];
 
