@@ -59,6 +59,8 @@ struct Work {
     solved: bool,
     /// A direction, or a gradient.
     change: Variation,
+    /// Those of the first point of a block.
+    numbers: Vec<f64>,
 }
 
 impl AllocationFunction {
@@ -140,7 +142,7 @@ impl Work {
     fn new(template: &Problem) -> Result<Self> {
         let allocator = Allocator::with_settings(template.clone(), Settings { warm: false, ..Settings::default() })?;
         let zero = Variation::zero(template);
-        Ok(Self { allocator, at: zero.clone(), ready: false, solved: false, change: zero })
+        Ok(Self { allocator, at: zero.clone(), ready: false, solved: false, change: zero, numbers: Vec::new() })
     }
 
     /// Whether the numbers make a problem whose answer is certified; the allocator then holds it. Numbers that are those of the
@@ -164,7 +166,22 @@ impl Work {
 
     /// The answer, NaN where there is none.
     fn value(&mut self, x: &[f64], y: &mut [f64]) {
-        if self.solve(x) {
+        self.solve(x);
+        self.write(y);
+    }
+
+    /// The answer to another wrench for the problem of the last time.
+    fn value_of_wrench(&mut self, wrench: &[f64], y: &mut [f64]) {
+        self.at.wrench.copy_from_slice(wrench);
+        if self.ready {
+            self.allocator.forget();
+            self.solved = self.allocator.solve(&self.at.wrench).residual.is_finite();
+        }
+        self.write(y);
+    }
+
+    fn write(&self, y: &mut [f64]) {
+        if self.solved {
             y.copy_from_slice(&self.allocator.solution().inputs);
         } else {
             y.fill(f64::NAN);
@@ -219,9 +236,23 @@ impl CustomFunction for Inner {
             x_bar.fill(f64::NAN);
         }
     }
+    /// Where all points ask for one problem, it is looked at once.
     fn value_block(&self, points: &mut Points<'_>) {
         let n = self.n_number;
-        if self.with(|work| points.each(n, |x, y| work.value(x, y))).is_none() {
+        let is_same = |row: &[f32]| row.iter().all(|x| x.to_bits() == row[0].to_bits());
+        let is_one_problem = (WRENCH..n).all(|k| is_same(points.argument(k)));
+        let run = |work: &mut Work| {
+            if !is_one_problem || points.is_empty() {
+                return points.each(n, |x, y| work.value(x, y));
+            }
+            let mut first = std::mem::take(&mut work.numbers);
+            first.clear();
+            first.extend((0..n).map(|k| f64::from(points.argument(k)[0])));
+            work.solve(&first);
+            work.numbers = first;
+            points.each(WRENCH, |wrench, y| work.value_of_wrench(wrench, y));
+        };
+        if self.with(run).is_none() {
             points.each(n, |_, y| y.fill(f64::NAN));
         }
     }
