@@ -13,6 +13,7 @@ use crate::autodiff::lanes::instruction_set;
 use crate::autodiff::program::{Op, ValueForm};
 use std::collections::HashMap;
 use std::hash::{DefaultHasher, Hash, Hasher};
+use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 
 /// Machine code, constants and callees. It stays while somebody has it.
@@ -57,15 +58,26 @@ impl Code {
     /// or arrays are not what the code needs.
     #[must_use]
     pub(crate) fn run<R: Row>(&self, slots: &mut Lines, arrays: &mut [Rows<'_, R>], n: usize) -> bool {
+        self.run_within(slots, arrays, 0..n)
+    }
+
+    /// As [`Code::run`] for numbers from the beginning of a register on.
+    #[must_use]
+    pub(super) fn run_within<R: Row>(
+        &self,
+        slots: &mut Lines,
+        arrays: &mut [Rows<'_, R>],
+        numbers: Range<usize>,
+    ) -> bool {
         let native = &*self.0;
         let lanes = 1 << native.lanes_log;
-        let registers = (n + lanes - 1) >> native.lanes_log;
+        let registers = numbers.start >> native.lanes_log..(numbers.end + lanes - 1) >> native.lanes_log;
         let mut call = |number: u32, rows: &mut [u8], remaining: usize| {
-            let done = (registers - remaining) * lanes;
+            let begun = (registers.end - remaining) * lanes;
             let (callee, n_operand) = &native.callees[number as usize];
-            call_lanes(callee, *n_operand, native.element, lanes, lanes.min(n - done), rows);
+            call_lanes(callee, *n_operand, native.element, lanes, lanes.min(numbers.end - begun), rows);
         };
-        native.code.run(slots, arrays, registers, &mut call)
+        native.code.run(slots, arrays, registers.clone(), &mut call)
     }
 }
 

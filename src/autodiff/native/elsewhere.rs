@@ -5,7 +5,8 @@ use super::executable::Row;
 use super::layout::{Layout, Rows};
 use crate::autodiff::columns::Lines;
 use crate::autodiff::program::ValueForm;
-use std::sync::Arc;
+use std::ops::Range;
+use std::sync::{Arc, OnceLock};
 
 /// There is none.
 #[derive(Debug, Clone)]
@@ -23,6 +24,22 @@ impl Code {
     }
     pub(crate) fn run<R: Row>(&self, _: &mut Lines, _: &mut [Rows<'_, R>], _: usize) -> bool {
         match *self {}
+    }
+    pub(super) fn run_within<R: Row>(&self, _: &mut Lines, _: &mut [Rows<'_, R>], _: Range<usize>) -> bool {
+        match *self {}
+    }
+}
+
+/// One for all: there are no locks here that a process made by `fork` would find held.
+#[derive(Debug)]
+pub(crate) struct PerProcess<T>(OnceLock<T>);
+
+impl<T: Default + Sync> PerProcess<T> {
+    pub(crate) const fn new() -> Self {
+        Self(OnceLock::new())
+    }
+    pub(crate) fn get(&'static self) -> &'static T {
+        self.0.get_or_init(T::default)
     }
 }
 

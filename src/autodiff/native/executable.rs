@@ -4,9 +4,14 @@ use super::layout::{Layout, Rows};
 use super::lower::Element;
 use super::{Code, WhyInterpreted, code};
 use crate::autodiff::columns::{BLOCK, LINE, Lines};
+use crate::autodiff::lanes::lane_width;
 use crate::autodiff::program::{BlockWorkspace, Program, Workspace};
 use crate::error::{Error, Result};
 use std::marker::PhantomData;
+use std::ops::Range;
+
+/// Numbers of the widest register.
+pub(crate) const WIDEST: usize = 16;
 
 /// A row of an array: a number of each environment of a block, one number, or a number of each of eight steps.
 pub trait Row: sealed::Row {}
@@ -18,6 +23,7 @@ impl Row for [f64; LINE] {}
 mod sealed {
     use super::{Element, Interpreted};
     use crate::autodiff::program::Program;
+    use std::ops::Range;
 
     #[expect(private_interfaces, reason = "nobody outside implements or calls these")]
     pub trait Row: bytemuck::Pod {
@@ -28,6 +34,10 @@ mod sealed {
         fn interpreted(program: &Program) -> Interpreted;
         /// outputs = f(inputs), for the first `n` numbers of each row.
         fn interpret(program: &Program, scratch: &mut Interpreted, inputs: &[Self], outputs: &mut [Self], n: usize);
+        /// Writes the registers of these numbers.
+        fn keep(&self, _numbers: &Range<usize>, row: &mut Self) {
+            *row = *self;
+        }
     }
 }
 
@@ -121,7 +131,8 @@ impl<R: Row> Executable<R> {
         }
     }
 
-    /// Results from arguments, for the first `n` numbers of each row. What becomes of the other numbers of results is left open.
+    /// Results from arguments, for the first `n` numbers of each row. The others of a register of which some are among them are
+    /// worked on as well; what lies in other registers stays.
     ///
     /// # Errors
     /// [`Error::Value`] where arrays are more, fewer, shorter or less writable than the layout says, or `n` is not 1 to the
@@ -131,24 +142,39 @@ impl<R: Row> Executable<R> {
     /// If `work` has too little room, or a custom function panics. That of another program gives wrong numbers where it is
     /// interpreted.
     pub fn run(&self, work: &mut Work<R>, arrays: &mut [Rows<'_, R>], n: usize) -> Result<()> {
+        self.run_within(work, arrays, 0..n)
+    }
+
+    /// As [`Executable::run`] for these numbers of each row, which begin with a register of any processor.
+    pub(crate) fn run_within(
+        &self,
+        work: &mut Work<R>,
+        arrays: &mut [Rows<'_, R>],
+        numbers: Range<usize>,
+    ) -> Result<()> {
+        let is_within = numbers.start.is_multiple_of(WIDEST) && numbers.start < numbers.end && numbers.end <= R::N;
         if let Ok(code) = &self.code {
-            if n.wrapping_sub(1) < R::N && code.run(&mut work.slots, arrays, n) {
+            if is_within && code.run_within(&mut work.slots, arrays, numbers.clone()) {
                 return Ok(());
             }
-            self.check(arrays, n)?;
+            self.check(arrays, &numbers)?;
             panic!("scratch of another program");
         }
-        self.check(arrays, n)?;
-        self.interpret(work, arrays, n);
+        self.check(arrays, &numbers)?;
+        self.interpret(work, arrays, numbers);
         Ok(())
     }
 
     #[cold]
-    fn check(&self, arrays: &[Rows<'_, R>], n: usize) -> Result<()> {
+    fn check(&self, arrays: &[Rows<'_, R>], numbers: &Range<usize>) -> Result<()> {
         let layout = &self.layout;
-        if n == 0 || n > R::N {
+        if numbers.start >= numbers.end || numbers.end > R::N {
             let limit = format!("1 to {}", R::N);
-            return Err(Error::value("numbers of a row", n, limit, "Run blocks one after the other."));
+            return Err(Error::value("numbers of a row", numbers.len(), limit, "Run blocks one after the other."));
+        }
+        if !numbers.start.is_multiple_of(WIDEST) {
+            let limit = format!("a multiple of {WIDEST}");
+            return Err(Error::value("first number of a row", numbers.start, limit, "Begin with a register."));
         }
         if arrays.len() != layout.n_array() {
             let limit = format!("{}, as the layout has", layout.n_array());
@@ -178,15 +204,15 @@ impl<R: Row> Executable<R> {
         Ok(())
     }
 
-    fn interpret(&self, work: &mut Work<R>, arrays: &mut [Rows<'_, R>], n: usize) {
+    fn interpret(&self, work: &mut Work<R>, arrays: &mut [Rows<'_, R>], numbers: Range<usize>) {
         let Some((scratch, inputs, outputs)) = &mut work.interpreted else { panic!("scratch of another program") };
         for (input, place) in inputs.iter_mut().zip(self.layout.arguments()) {
             *input = arrays[usize::from(place.array)].rows()[place.row as usize];
         }
-        R::interpret(&self.program, scratch, inputs, outputs, n);
+        R::interpret(&self.program, scratch, inputs, outputs, numbers.end);
         for (output, place) in outputs.iter().zip(self.layout.results()) {
             if let Rows::Write(rows) = &mut arrays[usize::from(place.array)] {
-                rows[place.row as usize] = *output;
+                output.keep(&numbers, &mut rows[place.row as usize]);
             }
         }
     }
@@ -203,6 +229,10 @@ impl sealed::Row for [f32; BLOCK] {
         if let Interpreted::Block(workspace) = scratch {
             program.evaluate_lanes(n, workspace, inputs, outputs);
         }
+    }
+    fn keep(&self, numbers: &Range<usize>, row: &mut Self) {
+        let worked_on = numbers.start..numbers.end.next_multiple_of(lane_width());
+        row[worked_on.clone()].copy_from_slice(&self[worked_on]);
     }
 }
 

@@ -5,9 +5,8 @@ use super::MAX_STEPS;
 use crate::autodiff::custom::Operation;
 use crate::autodiff::polynomials::*;
 use crate::autodiff::program::{self, Action, Op, Source, Tape, Value, ValueForm};
-use std::collections::HashMap;
+use crate::autodiff::quick::QuickMap;
 use std::f64::consts::{FRAC_2_PI, FRAC_PI_2, FRAC_PI_4, LOG2_E, PI};
-use std::hash::{BuildHasherDefault, Hasher};
 use std::sync::Arc;
 
 /// Numbers of a machine program.
@@ -193,44 +192,13 @@ fn lower_one(form: &ValueForm, functions: &[Arc<ValueForm>], element: Element, n
     let mut lowering = Lowering {
         to: lowered,
         functions,
-        numbers: HashMap::default(),
-        known: HashMap::default(),
-        is_less: HashMap::default(),
+        numbers: QuickMap::default(),
+        known: QuickMap::default(),
+        is_less: QuickMap::default(),
     };
     lowering.run(form, n_most)?;
     Some(lowering.to.without_dead_steps())
 }
-
-/// Multiplies and rotates, as the hash of the compiler of Firefox does: keys are small numbers that nobody chooses against us.
-#[derive(Default)]
-struct Quick(u64);
-
-impl Hasher for Quick {
-    fn finish(&self) -> u64 {
-        let mixed = (self.0 ^ (self.0 >> 32)).wrapping_mul(0x9E37_79B9_7F4A_7C15);
-        mixed ^ (mixed >> 32)
-    }
-    fn write(&mut self, bytes: &[u8]) {
-        bytes.iter().for_each(|byte| self.write_u64(u64::from(*byte)));
-    }
-    fn write_u8(&mut self, number: u8) {
-        self.write_u64(number.into());
-    }
-    fn write_u32(&mut self, number: u32) {
-        self.write_u64(number.into());
-    }
-    fn write_usize(&mut self, number: usize) {
-        self.write_u64(number as u64);
-    }
-    fn write_isize(&mut self, number: isize) {
-        self.write_u64(number as u64);
-    }
-    fn write_u64(&mut self, number: u64) {
-        self.0 = (self.0.rotate_left(26) ^ number).wrapping_mul(0x9E37_79B9_7F4A_7C15);
-    }
-}
-
-type QuickMap<K, V> = HashMap<K, V, BuildHasherDefault<Quick>>;
 
 struct Lowering<'a> {
     to: Lowered,

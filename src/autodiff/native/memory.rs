@@ -109,21 +109,21 @@ impl Code {
         self.n_page * PAGE
     }
 
-    /// Runs over `registers` registers of the rows of `arrays`, with calls made by `make`; a panic of a call goes on behind the code.
+    /// Runs over these registers of the rows of `arrays`, with calls made by `make`; a panic of a call goes on behind the code.
     /// Whether it ran: not where slots or arrays are not what the code needs.
     #[must_use]
     pub(super) fn run<R: Pod>(
         &self,
         slots: &mut Lines,
         arrays: &mut [Rows<'_, R>],
-        registers: usize,
+        registers: Range<usize>,
         make: &mut Caller<'_>,
     ) -> bool {
         let needs = &self.needs;
         let n_slot_byte = size_of_val::<[_]>(slots);
-        let is_enough =
-            n_slot_byte >= needs.slots && registers.wrapping_sub(1) < needs.registers && size_of::<R>() == needs.row;
-        if !is_enough || arrays.len() != needs.arrays.len() {
+        let is_within = registers.start < registers.end && registers.end <= needs.registers;
+        if n_slot_byte < needs.slots || !is_within || size_of::<R>() != needs.row || arrays.len() != needs.arrays.len()
+        {
             return false;
         }
         let mut addresses = [null_mut(); MAX_ARRAYS];
@@ -137,7 +137,8 @@ impl Code {
             if len < *n_row {
                 return false;
             }
-            *address = at.cast();
+            // behind the rows before these registers: code goes on by a register at a time, and as far as `registers` ends
+            *address = at.cast::<u8>().wrapping_add(registers.start * (needs.row / needs.registers)).cast();
         }
         let slots = slots.as_mut_ptr().cast::<u8>();
         // SAFETY: the lifetime ends with this function, and with it the frame, which alone holds the result.
@@ -147,13 +148,14 @@ impl Code {
             constants: self.constants.as_ptr().cast::<u8>().wrapping_add(needs.constant_bias),
             slots: slots.wrapping_add(needs.slot_bias),
             call,
-            remaining: registers as u64,
+            remaining: registers.len() as u64,
             arrays: addresses,
             calls: &raw mut calls,
         };
         // SAFETY: `at` is the beginning of code that the encoder made for a function of this type and that stays sealed while `self`
         // lives. It reads the frame, its constants, slots within the length that was held against `needs`, and rows of
-        // the arrays, likewise; those that it writes are borrowed exclusively. It keeps the registers that the convention
+        // the arrays, likewise, from the first of `registers` on, of which the last lies within a row; those that it writes are
+        // borrowed exclusively. It keeps the registers that the convention
         // keeps, and it has no loop but that over the registers of rows.
         let run = unsafe { std::mem::transmute::<*mut u8, unsafe extern "sysv64" fn(*mut Frame)>(self.at) };
         // SAFETY: as above.
@@ -288,14 +290,14 @@ fn emptied_by_forks() -> rustix::io::Result<*mut u8> {
 /// Something that every process has its own of, also one made by `fork`: a lock that another thread held then would be held there for
 /// ever.
 #[derive(Debug)]
-pub(super) struct PerProcess<T>(AtomicPtr<(u64, T)>);
+pub(crate) struct PerProcess<T>(AtomicPtr<(u64, T)>);
 
 impl<T: Default + Sync> PerProcess<T> {
-    pub(super) const fn new() -> Self {
+    pub(crate) const fn new() -> Self {
         Self(AtomicPtr::new(null_mut()))
     }
 
-    pub(super) fn get(&'static self) -> &'static T {
+    pub(crate) fn get(&'static self) -> &'static T {
         let (process, found) = (process(), self.0.load(Ordering::Acquire));
         // SAFETY: null, or one that is never freed once it stands here.
         if let Some((_, own)) = unsafe { found.as_ref() }.filter(|(of, _)| *of == process) {

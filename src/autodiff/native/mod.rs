@@ -31,18 +31,19 @@ mod memory;
 #[cfg(all(target_arch = "x86_64", target_os = "linux", not(miri)))]
 mod x86;
 
+pub(crate) use executable::WIDEST;
 pub use executable::{Executable, Row, Work};
 pub use layout::{Layout, MAX_ARRAYS, MAX_ROWS, Place, Rows};
 
 #[cfg(all(target_arch = "x86_64", target_os = "linux", not(miri)))]
-pub(crate) use memory::in_standard_modes;
+pub(crate) use memory::{PerProcess, in_standard_modes};
 
 #[cfg(not(all(target_arch = "x86_64", target_os = "linux", not(miri))))]
 mod elsewhere;
 #[cfg(not(all(target_arch = "x86_64", target_os = "linux", not(miri))))]
 use elsewhere as code;
 #[cfg(not(all(target_arch = "x86_64", target_os = "linux", not(miri))))]
-pub(crate) use elsewhere::in_standard_modes;
+pub(crate) use elsewhere::{PerProcess, in_standard_modes};
 
 pub(crate) use code::Code;
 pub(crate) mod policy;

@@ -1,6 +1,7 @@
 //! Which functions are called, and which are computed where they are called. Bits do not depend on it: fusions were decided inside.
 
 use super::value::{Action, CallOf, Callee, Instruction, Op, Value, ValueForm};
+use crate::autodiff::quick::QuickMap;
 use std::collections::HashMap;
 use std::sync::Arc;
 
@@ -62,10 +63,10 @@ impl Arranger {
 struct Flat<'a> {
     stays: &'a Stays,
     form: ValueForm,
-    constants: HashMap<u64, Value>,
-    known: HashMap<Action, Value>,
+    constants: QuickMap<u64, Value>,
+    known: QuickMap<Action, Value>,
     /// Comparisons by their truth values.
-    comparisons: HashMap<Value, Action>,
+    comparisons: QuickMap<Value, Action>,
     called: HashMap<CallOf, Value>,
 }
 
@@ -77,7 +78,7 @@ impl<'a> Flat<'a> {
                 all.extend(&own.constants);
             }
         }
-        let mut constants = HashMap::new();
+        let mut constants = QuickMap::default();
         all.retain(|bits| {
             let next = Value((form.n_input + constants.len()) as u32);
             *constants.entry(*bits).or_insert(next) == next
@@ -96,8 +97,8 @@ impl<'a> Flat<'a> {
             stays,
             form: own,
             constants,
-            known: HashMap::new(),
-            comparisons: HashMap::new(),
+            known: QuickMap::default(),
+            comparisons: QuickMap::default(),
             called: HashMap::new(),
         };
         let inputs: Vec<Value> = (0..form.n_input as u32).map(Value).collect();
