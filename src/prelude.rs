@@ -7,13 +7,13 @@
 //! | a controller of one's own | [`Controller`] with [`Measurement`] and [`Target`]; straight-line ones: [`ControlLaw`], [`Moment`], [`Running`] |
 //! | derivatives | [`Scalar`], [`safe`], [`System`], [`linearise`], [`Rollout`], [`certify`] |
 //! | environments | [`Env`], [`EnvConfig`], [`Buffers`], [`SingleEnv`] |
-//! | a task of one's own | [`Task`] with [`Robot`], [`View`], [`Start`], [`Writer`], [`Ends`] |
+//! | a task of one's own | [`Task`] with [`Robot`], [`View`], [`Start`], [`Writer`], [`Ends`]; over [`Trace`], [`TraceMask`]; [`Array`] of their slices |
 //! | learning | [`TrainConfig`], [`Trainer`], [`Learner`], [`Policy`], [`load_policy`] |
 //! | all of them | [`Stream`] of random numbers, [`Threads`] |
 //!
 //! [`error::Result`](crate::error::Result) is not among them: it would hide the standard one.
 
-pub use crate::autodiff::{Rollout, Scalar, System, certify, linearise, safe};
+pub use crate::autodiff::{Array, Rollout, Scalar, System, Trace, TraceMask, certify, linearise, safe};
 pub use crate::controllers::{
     ClosedLoop, ControlLaw, Controller, Flight, FlightPlan, Measurement, Moment, Rates, Reference, Running, Target,
     fly, fly_vehicle,

@@ -23,7 +23,6 @@ use super::columns::{BLOCK, LINE};
 use super::custom::{Operation, Scratch};
 use super::polynomials::*;
 use super::scalar::{Mask, Scalar};
-use super::strided::{StridedView, StridedViewMut};
 use super::unrolled::unrolled;
 use pulp::{Simd, WithSimd};
 use std::cell::Cell;
@@ -40,10 +39,6 @@ pub(crate) trait Lanes: Scalar {
     fn load(source: &[f32]) -> Self;
     /// Writes the lanes over the first [`WIDTH`](Self::WIDTH) numbers of `target`.
     fn store(self, target: &mut [f32]);
-    /// The registers at lanes `at` … of all rows of a block, to read.
-    fn rows(block: &[[f32; BLOCK]], at: usize) -> StridedView<'_, Self>;
-    /// The registers at lanes `at` … of all rows of a block, to write.
-    fn rows_mut(block: &mut [[f32; BLOCK]], at: usize) -> StridedViewMut<'_, Self>;
     /// The registers of one row of a block, which may be that of several operands and of the result.
     fn cells(row: &Cell<[f32; BLOCK]>) -> &[Cell<Self>];
     /// Runs a kernel with these lanes.
@@ -304,23 +299,6 @@ impl<S: Simd> Lanes for Register<S> {
     #[inline(always)]
     fn store(self, target: &mut [f32]) {
         S::as_mut_simd_f32s(target).0[0] = self.0;
-    }
-
-    #[inline(always)]
-    fn rows(block: &[[f32; BLOCK]], at: usize) -> StridedView<'_, Self> {
-        let (first, n) = (at / Self::WIDTH, Self::registers(block.len()));
-        // SAFETY: `Register` has the layout of its numbers and needs no more alignment than they do, see `registers`; the
-        // slice covers the rows of the block exactly and borrows them.
-        let lanes = unsafe { std::slice::from_raw_parts(block.as_ptr().cast::<Self>(), n) };
-        StridedView::strided(&lanes[first.min(n)..], BLOCK / Self::WIDTH)
-    }
-
-    #[inline(always)]
-    fn rows_mut(block: &mut [[f32; BLOCK]], at: usize) -> StridedViewMut<'_, Self> {
-        let (first, n) = (at / Self::WIDTH, Self::registers(block.len()));
-        // SAFETY: as in `rows`; the borrow is exclusive and lives on in the result.
-        let lanes = unsafe { std::slice::from_raw_parts_mut(block.as_mut_ptr().cast::<Self>(), n) };
-        StridedViewMut::strided(&mut lanes[first.min(n)..], BLOCK / Self::WIDTH)
     }
 
     #[inline(always)]

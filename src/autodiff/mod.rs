@@ -20,6 +20,7 @@
 //!
 //! This room does not know drones.
 
+pub(crate) mod array;
 pub mod batch_rollout;
 pub mod certificate;
 pub(crate) mod columns;
@@ -32,15 +33,16 @@ pub mod native;
 pub(crate) mod once;
 pub(crate) mod polynomials;
 pub mod program;
+pub(crate) mod quick;
 pub mod rollout;
 pub mod safe;
 pub(crate) mod scalar;
-pub(crate) mod strided;
 pub(crate) mod sweep;
 pub(crate) mod system;
 pub(crate) mod trace;
 pub(crate) mod unrolled;
 
+pub use array::Array;
 pub use batch_rollout::{BatchGradient, BatchRollout};
 pub use certificate::{Bounds, Certificate, certify};
 pub use custom::{CustomFunction, Operation, Points};
@@ -50,6 +52,5 @@ pub use lanes::{instruction_set, lane_width};
 pub use program::Program;
 pub use rollout::{Gradient, Rollout};
 pub use scalar::{Mask, Scalar};
-pub use strided::{StridedView, StridedViewMut, StridedWriter};
 pub use system::{Objective, System};
-pub use trace::{Recording, Trace};
+pub use trace::{Recording, Trace, TraceMask};

@@ -8,6 +8,7 @@ mod adjoint;
 pub(crate) mod chain;
 mod function;
 mod graph;
+mod walk;
 
 pub(crate) use self::graph::{Arithmetic, Call, Callee, Node};
 
@@ -15,7 +16,7 @@ use self::graph::{Graph, Place, apart, local, push_on, with_graph};
 use super::custom::Operation;
 use super::scalar::{Mask, Scalar};
 use std::borrow::Cow;
-use std::ops::{Add, AddAssign, Div, Mul, MulAssign, Neg, Sub, SubAssign};
+use std::ops::{Add, AddAssign, BitAnd, BitOr, Div, Mul, MulAssign, Neg, Not, Sub, SubAssign};
 
 /// The results of a custom function: constants if all its operands are.
 fn push_call(operation: &Operation, inputs: &[Trace]) -> Vec<Trace> {
@@ -70,10 +71,26 @@ fn push_two(a: Trace, b: Trace, make: fn(u32, u32) -> Node) -> Trace {
 // and so is the time it takes to compile them.
 
 /// A number whose every operation is recorded. Only meaningful inside [`Recording::of`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy)]
 pub struct Trace(Place);
 
 impl Trace {
+    /// Whether it is the same node. Numbers of recordings are not compared by `==`, which would be known now and not when they are.
+    pub(crate) fn is(self, other: Self) -> bool {
+        self.0 == other.0
+    }
+
+    /// Whether it is less than another number: true or false for each environment that runs the recording, so that nothing branches
+    /// on it; [`Scalar::select`] picks.
+    pub fn lt(self, other: impl Into<Self>) -> TraceMask {
+        Scalar::lt(self, other.into())
+    }
+
+    /// Whether it is more than another number, likewise.
+    pub fn gt(self, other: impl Into<Self>) -> TraceMask {
+        Scalar::lt(other.into(), self)
+    }
+
     /// Its value, where it depends on no input.
     pub(crate) fn known(self) -> Option<f64> {
         let node = self.node();
@@ -87,7 +104,7 @@ impl Trace {
 }
 
 /// A recorded truth value.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy)]
 pub struct TraceMask(Place);
 
 impl Add for Trace {
@@ -144,6 +161,37 @@ impl MulAssign for Trace {
     }
 }
 
+impl From<f64> for Trace {
+    fn from(x: f64) -> Self {
+        Self::constant(x)
+    }
+}
+
+/// With plain numbers, which are constants of the recording.
+macro_rules! with_constants {
+    ($($operation:ident, $apply:ident;)*) => {$(
+        impl $operation<f64> for Trace {
+            type Output = Self;
+            fn $apply(self, other: f64) -> Self {
+                $operation::$apply(self, Self::constant(other))
+            }
+        }
+        impl $operation<Trace> for f64 {
+            type Output = Trace;
+            fn $apply(self, other: Trace) -> Trace {
+                $operation::$apply(Trace::constant(self), other)
+            }
+        }
+    )*};
+}
+
+with_constants! {
+    Add, add;
+    Sub, sub;
+    Mul, mul;
+    Div, div;
+}
+
 impl Mask for TraceMask {
     #[inline(never)]
     fn and(self, other: Self) -> Self {
@@ -156,6 +204,27 @@ impl Mask for TraceMask {
     #[inline(never)]
     fn not(self) -> Self {
         Self(push_one(Trace(self.0), Node::Not).0)
+    }
+}
+
+impl BitAnd for TraceMask {
+    type Output = Self;
+    fn bitand(self, other: Self) -> Self {
+        self.and(other)
+    }
+}
+
+impl BitOr for TraceMask {
+    type Output = Self;
+    fn bitor(self, other: Self) -> Self {
+        self.or(other)
+    }
+}
+
+impl Not for TraceMask {
+    type Output = Self;
+    fn not(self) -> Self {
+        Mask::not(self)
     }
 }
 

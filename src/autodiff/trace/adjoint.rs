@@ -245,7 +245,7 @@ fn pull_back_call(call: &Call, at: u32, adjoint: Option<&Adjoint>, behind: &[Opt
     let zero = Trace::zero();
     let n_seed = adjoint.map_or(call.callee.n_output(), |adjoint| adjoint.seeded.len());
     let seeds: Vec<Trace> = behind.iter().take(n_seed).map(|g| g.unwrap_or(zero)).collect();
-    if seeds.iter().all(|g| *g == zero) {
+    if seeds.iter().all(|g| g.is(zero)) {
         return Vec::new();
     }
     let x = || call.operands.iter().copied();

@@ -7,6 +7,7 @@
 //! while that is cheaper; what is left is swept once for all rows.
 
 use super::adjoint::{input_nodes, places, pull_back};
+use super::graph::Place;
 use super::{Recording, Trace, own, record};
 use crate::autodiff::scalar::Scalar;
 use std::collections::{BinaryHeap, HashMap};
@@ -264,13 +265,13 @@ impl Linear {
         let mut order: Vec<usize> = (0..self.n_node).rev().filter(is_left).collect();
         // sums of one length side by side: their loops end where the processor expects it
         order.sort_by_key(|i| (level[*i], self.out[*i].len()));
-        let mut place: HashMap<Trace, u32> = HashMap::new();
+        let mut place: HashMap<Place, u32> = HashMap::new();
         let mut number = vec![0; self.n_node];
         let mut vertices = Vec::with_capacity(order.len());
         for i in order {
             let edge = |to: &u32| {
                 let weight = self.weight(i, *to);
-                let at = *place.entry(weight).or_insert_with(|| {
+                let at = *place.entry(weight.0).or_insert_with(|| {
                     results.push(weight);
                     results.len() as u32 - 1
                 });

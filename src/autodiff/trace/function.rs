@@ -205,6 +205,17 @@ impl Recording {
         needed
     }
 
+    /// The same function of the inputs that its results depend on, and which those are.
+    pub(crate) fn of_used_inputs(&self) -> (Self, Vec<usize>) {
+        let needed = self.between(&[], &self.outputs);
+        let of_input = |(i, node): (usize, &Node)| match node {
+            Node::Input(k) if needed[i] => Some((i as u32, *k as usize)),
+            _ => None,
+        };
+        let (places, inputs): (Vec<u32>, Vec<usize>) = self.nodes.iter().enumerate().filter_map(of_input).unzip();
+        (self.part(&places, &self.outputs), inputs)
+    }
+
     /// What leads from the nodes `given`, which become the inputs, to the nodes `outputs`. No other input is needed.
     pub(super) fn part(&self, given: &[u32], outputs: &[u32]) -> Self {
         let needed = self.between(given, outputs);

@@ -4,6 +4,7 @@
 
 use super::function::Function;
 use crate::autodiff::custom::Operation;
+use crate::autodiff::quick::QuickMap;
 use std::cell::RefCell;
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -123,10 +124,10 @@ pub(super) struct Graph {
     pub(super) nodes: Vec<Node>,
     pub(super) calls: Vec<Call>,
     pub(super) arithmetic: Arithmetic,
-    index: HashMap<Node, u32>,
+    index: QuickMap<Node, u32>,
     called: HashMap<Call, u32>,
     /// Of a function: nodes of the graph below that it reads, by the numbers of its inputs, and its own nodes for them.
-    captured: Option<(Vec<u32>, HashMap<u32, u32>)>,
+    captured: Option<(Vec<u32>, QuickMap<u32, u32>)>,
 }
 
 /// The graph that is being recorded on, and those that wait until it is done.
@@ -212,7 +213,7 @@ impl Graph {
             nodes: Vec::new(),
             calls: Vec::new(),
             arithmetic: Arithmetic::Free,
-            index: HashMap::new(),
+            index: QuickMap::default(),
             called: HashMap::new(),
             captured: None,
         }
@@ -326,6 +327,22 @@ impl Graph {
             },
             Less(a, b) => match (c(a), c(b)) {
                 (Some(x), Some(y)) => value(f64::from(u8::from(x < y))),
+                _ => Ok(node),
+            },
+            And(a, b) | Or(a, b) if a == b => Err(a),
+            And(a, b) => match (c(a), c(b)) {
+                (Some(x), _) => Err(if x > 0.5 { b } else { a }),
+                (_, Some(y)) => Err(if y > 0.5 { a } else { b }),
+                _ => Ok(And(a.min(b), a.max(b))),
+            },
+            Or(a, b) => match (c(a), c(b)) {
+                (Some(x), _) => Err(if x > 0.5 { a } else { b }),
+                (_, Some(y)) => Err(if y > 0.5 { b } else { a }),
+                _ => Ok(Or(a.min(b), a.max(b))),
+            },
+            Not(a) => match (c(a), self.nodes[a as usize]) {
+                (Some(x), _) => value(f64::from(u8::from(x <= 0.5))),
+                (_, Not(b)) => Err(b),
                 _ => Ok(node),
             },
             Select(_, a, b) if a == b => Err(a),
