@@ -17,13 +17,13 @@ mod effects;
 mod parameters;
 
 pub use effects::Effects;
-pub(crate) use parameters::BODY_PARAMETERS;
+pub(crate) use parameters::at;
+pub use parameters::{BODY_PARAMETERS, BodyParameter};
 pub use parameters::{parameter_domains, parameter_names, parameter_vector, vehicle_of};
 
 use super::rotor::{Lag, Motors, N_ROTOR_PARAMETER, RotorModel, commanded_speed};
 use super::spatial::*;
 use super::vehicle::Vehicle;
-use crate::autodiff::unrolled::unrolled;
 use crate::autodiff::{Scalar, safe};
 
 /// Position and velocity of the base origin (world), attitude (body → world), angular velocity (body), rotor speeds.
@@ -69,14 +69,14 @@ impl<S: Scalar, const R: usize> RigidState<S, R> {
     /// Into a slice of 13 + n numbers, n ≤ R.
     #[inline(always)]
     pub fn write(&self, x: &mut [S]) {
-        unrolled!(i in 0..3 {
+        for i in 0..3 {
             x[i] = self.position[i];
             x[3 + i] = self.velocity[i];
             x[10 + i] = self.angular_velocity[i];
-        });
-        unrolled!(i in 0..4 {
+        }
+        for i in 0..4 {
             x[6 + i] = self.attitude[i];
-        });
+        }
         let n = x.len() - RIGID_DIM;
         for i in 0..R {
             if i < n {
@@ -196,8 +196,9 @@ impl<S: Scalar, const R: usize> RigidModel<S, R> {
     /// geometry, not parameters.
     #[inline(always)]
     pub fn from_parameters(p: &[S], radii: &[f64], substep: f64) -> Self {
-        let center_of_mass = [p[2], p[3], p[4]];
-        let inertia = [p[5], p[6], p[7], p[8], p[9], p[10]];
+        let three = |first: usize| [p[first], p[first + 1], p[first + 2]];
+        let center_of_mass = three(at::center_of_mass_x);
+        let inertia = std::array::from_fn(|k| p[at::inertia_xx + k]);
         let (mut rotors, mut motors) = ([RotorModel::dead(); R], [Motors::none(); R]);
         for i in 0..R {
             if i < radii.len() {
@@ -207,15 +208,15 @@ impl<S: Scalar, const R: usize> RigidModel<S, R> {
             }
         }
         Self {
-            gravity: p[0],
-            mass: p[1],
-            inverse_mass: p[1].recip(),
+            gravity: p[at::gravity],
+            mass: p[at::mass],
+            inverse_mass: p[at::mass].recip(),
             center_of_mass,
             inertia,
             inverse_inertia: symmetric(inverse(full(inertia))),
-            linear_drag: [p[11], p[12], p[13]],
-            quadratic_drag: [p[14], p[15], p[16]],
-            angular_drag: [p[17], p[18], p[19]],
+            linear_drag: three(at::linear_drag_x),
+            quadratic_drag: three(at::quadratic_drag_x),
+            angular_drag: three(at::angular_drag_x),
             ground_height: S::zero(),
             n_rotor: radii.len(),
             rotors,

@@ -88,7 +88,7 @@ impl Effects {
     }
 
     /// Whether any effect needs the air velocity at the rotors.
-    #[inline(always)]
+    #[inline]
     pub(crate) fn rotor_air(self) -> bool {
         self.rotor_drag || self.rolling_moment
     }

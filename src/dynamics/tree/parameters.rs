@@ -6,7 +6,7 @@
 //! numbers: they stay as they were built.
 
 use super::model::{Body, BodyShape, Model};
-use crate::autodiff::{Scalar, StridedView};
+use crate::autodiff::Scalar;
 use crate::dynamics::domain::Domain::{self, AnySign, NonNegative, Positive};
 use crate::dynamics::rigid::BODY_PARAMETERS;
 use crate::dynamics::rotor::{N_ROTOR_PARAMETER, ROTOR_PARAMETERS};
@@ -18,7 +18,11 @@ pub const LINK_PARAMETERS: [(&str, Domain); OF_BODY + JOINT_PARAMETERS.len()] = 
     let mut all = [JOINT_PARAMETERS[0]; OF_BODY + JOINT_PARAMETERS.len()];
     let mut k = 0;
     while k < all.len() {
-        all[k] = if k < OF_BODY { BODY_PARAMETERS[k + 1] } else { JOINT_PARAMETERS[k - OF_BODY] };
+        all[k] = if k < OF_BODY {
+            (BODY_PARAMETERS[k + 1].name, BODY_PARAMETERS[k + 1].domain)
+        } else {
+            JOINT_PARAMETERS[k - OF_BODY]
+        };
         k += 1;
     }
     all
@@ -99,7 +103,7 @@ pub fn model_parameter_domains(model: &Model) -> Vec<Domain> {
     let still = still_shapes(model).flat_map(|_| [AnySign; 3]);
     let contact = CONTACT_PARAMETERS.iter().map(of);
     let cables = model.cables().iter().flat_map(|_| CABLE_PARAMETERS.iter().map(of));
-    std::iter::once(BODY_PARAMETERS[0].1)
+    std::iter::once(BODY_PARAMETERS[0].domain)
         .chain(bodies)
         .chain(rotors)
         .chain(contact)
@@ -113,7 +117,7 @@ pub(crate) trait ParameterView<S: Scalar>: Copy {
     /// Number k of [`model_parameters`].
     fn get(self, k: usize) -> S;
 
-    #[inline(always)]
+    #[inline]
     fn vector(self, k: usize) -> Vec3<S> {
         [self.get(k), self.get(k + 1), self.get(k + 2)]
     }
@@ -127,7 +131,7 @@ pub(crate) enum Source<'a, S> {
 }
 
 impl<S: Scalar> ParameterView<S> for Source<'_, S> {
-    #[inline(always)]
+    #[inline]
     fn get(self, k: usize) -> S {
         match self {
             Self::Constants(numbers) => S::constant(numbers[k]),
@@ -136,22 +140,25 @@ impl<S: Scalar> ParameterView<S> for Source<'_, S> {
     }
 }
 
-impl<S: Scalar> ParameterView<S> for StridedView<'_, S> {
-    #[inline(always)]
+impl<S: Scalar> ParameterView<S> for &[S] {
+    #[inline]
     fn get(self, k: usize) -> S {
-        StridedView::get(&self, k)
+        self[k]
     }
 }
 
 /// Places within the numbers of one body.
 pub(crate) mod at {
-    pub(crate) const MASS: usize = 0;
-    pub(crate) const CENTER_OF_MASS: usize = 1;
-    pub(crate) const INERTIA: usize = 4;
-    pub(crate) const LINEAR_DRAG: usize = 10;
-    pub(crate) const QUADRATIC_DRAG: usize = 13;
-    pub(crate) const ANGULAR_DRAG: usize = 16;
-    pub(crate) const JOINT_POSITION: usize = 19;
+    use crate::dynamics::rigid::at;
+
+    /// Gravity stands once, before all bodies.
+    pub(crate) const MASS: usize = at::mass - 1;
+    pub(crate) const CENTER_OF_MASS: usize = at::center_of_mass_x - 1;
+    pub(crate) const INERTIA: usize = at::inertia_xx - 1;
+    pub(crate) const LINEAR_DRAG: usize = at::linear_drag_x - 1;
+    pub(crate) const QUADRATIC_DRAG: usize = at::quadratic_drag_x - 1;
+    pub(crate) const ANGULAR_DRAG: usize = at::angular_drag_x - 1;
+    pub(crate) const JOINT_POSITION: usize = super::OF_BODY;
     /// Damping, stiffness, rest.
     pub(crate) const SPRING: usize = 22;
     pub(crate) const ARMATURE: usize = 25;
@@ -162,31 +169,31 @@ pub(crate) mod at {
 }
 
 /// Where the numbers of body `body` begin.
-#[inline(always)]
+#[inline]
 pub(crate) const fn link_parameters(body: usize) -> usize {
     1 + body * LINK_PARAMETERS.len()
 }
 
 /// Where the numbers of rotor `rotor` begin in a model of `n_body` bodies.
-#[inline(always)]
+#[inline]
 pub(crate) const fn rotor_parameters(n_body: usize, rotor: usize) -> usize {
     1 + n_body * LINK_PARAMETERS.len() + rotor * N_ROTOR_PARAMETER
 }
 
 /// Where the numbers of contact begin.
-#[inline(always)]
+#[inline]
 pub(crate) const fn contact_parameters(n_body: usize, n_rotor: usize) -> usize {
     rotor_parameters(n_body, n_rotor)
 }
 
 /// Where the position of still shape `shape` begins.
-#[inline(always)]
+#[inline]
 pub(crate) const fn static_parameters(n_body: usize, n_rotor: usize, shape: usize) -> usize {
     contact_parameters(n_body, n_rotor) + CONTACT_PARAMETERS.len() + 3 * shape
 }
 
 /// Where the numbers of cable `cable` begin in a model with `n_still` shapes that stand still.
-#[inline(always)]
+#[inline]
 pub(crate) const fn cable_parameters(n_body: usize, n_rotor: usize, n_still: usize, cable: usize) -> usize {
     static_parameters(n_body, n_rotor, n_still) + CABLE_PARAMETERS.len() * cable
 }
