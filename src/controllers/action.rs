@@ -32,13 +32,13 @@ with_defaults! {
     }
 }
 
-#[inline(always)]
+#[inline]
 fn clip<S: Scalar>(a: S) -> S {
     a.clamp(-S::one(), S::one())
 }
 
 /// (a + 1)/2 of the total thrust.
-#[inline(always)]
+#[inline]
 fn thrust<S: Scalar>(a: S, total: S) -> S {
     S::constant(0.5) * (clip(a) + S::one()) * total
 }
@@ -63,7 +63,6 @@ impl ActionScale {
     }
 
     /// Position mode: [Δx, Δy, Δz, ψ], world: a point at rest beside `position`.
-    #[inline(always)]
     pub fn position<S: Scalar>(&self, action: [S; 4], position: Vec3<S>) -> Setpoint<S> {
         let (o, zero, p) = (S::zero(), [S::zero(); 3], S::constant(self.position));
         let mut target = position;
@@ -84,7 +83,7 @@ impl ActionScale {
     }
 
     /// Velocity mode: [v_x, v_y, v_z, ψ], world.
-    #[inline(always)]
+    #[inline]
     pub fn velocity<S: Scalar>(&self, action: [S; 4]) -> VelocityCommand<S> {
         let v = S::constant(self.velocity);
         VelocityCommand::constant(
@@ -94,7 +93,7 @@ impl ActionScale {
     }
 
     /// Rate mode: [ω_x, ω_y, ω_z, thrust], body; thrust (a + 1)/2 · `total_thrust` (N).
-    #[inline(always)]
+    #[inline]
     pub fn rate<S: Scalar>(&self, action: [S; 4], total_thrust: S) -> RateCommand<S> {
         let w = S::constant(self.rate);
         RateCommand::constant(
@@ -105,7 +104,6 @@ impl ActionScale {
 
     /// Attitude mode: [thrust, yaw rate, roll, pitch]; thrust (a + 1)/2 · `total_thrust` (N). The heading is that of
     /// `attitude`, see [`AttitudeCommand::from_tilt`].
-    #[inline(always)]
     pub fn attitude<S: Scalar>(&self, action: [S; 4], total_thrust: S, attitude: Quat<S>) -> AttitudeCommand<S> {
         let tilt = S::constant(self.tilt);
         AttitudeCommand::from_tilt(

@@ -40,19 +40,18 @@ impl Believed {
     }
 
     /// The body alone.
-    #[inline(always)]
+    #[inline]
     pub(super) fn body<S: Scalar>(&self) -> BodyModel<S> {
         BodyModel::constant(&self.body)
     }
 
     /// J⁻¹, 1/(kg m²).
-    #[inline(always)]
+    #[inline]
     pub(super) fn inverse_inertia<S: Scalar>(&self) -> Mat3<S> {
         self.inverse_inertia.map(constants)
     }
 
     /// [F_z, M] of the rotors' thrusts, N.
-    #[inline(always)]
     pub(super) fn wrench<S: Scalar>(&self, thrust: impl Fn(usize) -> S) -> [S; 4] {
         let mut wrench = [S::zero(); 4];
         for i in 0..self.effect.len().min(MAX_ROTORS) {
@@ -65,13 +64,12 @@ impl Believed {
     }
 
     /// The wrench of rotor actions.
-    #[inline(always)]
+    #[inline]
     pub(super) fn wrench_of_actions<S: Scalar>(&self, actions: &[S]) -> [S; 4] {
         self.wrench(|i| S::constant(0.5 * self.max_thrust[i]) * (actions[i] + S::one()))
     }
 
     /// v̇ (world) and ω̇ (body) under a wrench [F_z, M] of the rotors.
-    #[inline(always)]
     pub(super) fn acceleration<S: Scalar>(&self, state: &Kinematics<S>, rotors: [S; 4]) -> [S; 6] {
         let body = self.body::<S>();
         let (q, w) = (state.attitude, state.angular_velocity);

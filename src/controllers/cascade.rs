@@ -11,7 +11,6 @@ use super::rate::{RateCommand, moment};
 use super::reference::Setpoint;
 use super::velocity::{VelocityCommand, attitude_command};
 use crate::autodiff::Scalar;
-use crate::autodiff::unrolled::unrolled;
 use crate::defaults::with_defaults;
 use crate::dynamics::spatial::{add, from_matrix, mat_vec, rotate_back, sub};
 use crate::dynamics::{Gains, MAX_ROTORS, Vehicle};
@@ -138,7 +137,6 @@ impl<S: Scalar, const R: usize> Latched<S, R> {
     pub const DIM: usize = AttitudeCommand::<S>::DIM + RateCommand::<S>::DIM + R;
 
     /// Writes the flat form into the first [`Self::DIM`] numbers of `out`.
-    #[inline(always)]
     pub fn write(&self, out: &mut [S]) {
         let (attitude, rest) = out.split_at_mut(AttitudeCommand::<S>::DIM);
         let (rate, rotors) = rest.split_at_mut(RateCommand::<S>::DIM);
@@ -150,7 +148,6 @@ impl<S: Scalar, const R: usize> Latched<S, R> {
     }
 
     /// The inverse of [`write`](Self::write).
-    #[inline(always)]
     pub fn read(x: &[S]) -> Self {
         let (attitude, rest) = x.split_at(AttitudeCommand::<S>::DIM);
         let (rate, actions) = rest.split_at(RateCommand::<S>::DIM);
@@ -174,7 +171,6 @@ impl<const R: usize> Latched<f64, R> {
 }
 
 /// `fresh` where `tick` > ½, else `held`.
-#[inline(always)]
 fn hold<S: Scalar, const N: usize>(tick: S, fresh: [S; N], held: [S; N]) -> [S; N] {
     let now = S::constant(0.5).lt(tick);
     let mut x = held;
@@ -184,7 +180,7 @@ fn hold<S: Scalar, const N: usize>(tick: S, fresh: [S; N], held: [S; N]) -> [S; 
     x
 }
 
-#[inline(always)]
+#[inline]
 fn hold_attitude<S: Scalar>(tick: S, fresh: &AttitudeCommand<S>, held: &AttitudeCommand<S>) -> AttitudeCommand<S> {
     let (mut a, mut b) = ([S::zero(); 16], [S::zero(); 16]);
     fresh.write(&mut a);
@@ -192,7 +188,7 @@ fn hold_attitude<S: Scalar>(tick: S, fresh: &AttitudeCommand<S>, held: &Attitude
     AttitudeCommand::read(&hold(tick, a, b))
 }
 
-#[inline(always)]
+#[inline]
 pub(super) fn hold_rate<S: Scalar>(tick: S, fresh: &RateCommand<S>, held: &RateCommand<S>) -> RateCommand<S> {
     let (mut a, mut b) = ([S::zero(); 7], [S::zero(); 7]);
     fresh.write(&mut a);
@@ -299,8 +295,7 @@ fn check_balanced_lift(vehicle: &Vehicle) -> Result<()> {
 }
 
 impl<S: Scalar, const R: usize> CascadeModel<S, R> {
-    /// The same parameters in every lane.
-    #[inline(always)]
+    /// The same parameters over another scalar.
     pub fn constant(model: &CascadeModel<f64, R>) -> Self {
         let limits = &model.limits;
         let gains = &model.gains;
@@ -313,9 +308,9 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
         };
         let (mut mixer, mut max_thrust) = ([[S::zero(); 4]; R], [S::zero(); R]);
         for i in 0..R {
-            unrolled!(k in 0..4 {
+            for k in 0..4 {
                 mixer[i][k] = S::constant(model.mixer[i][k]);
-            });
+            }
             max_thrust[i] = S::constant(model.max_thrust[i]);
         }
         Self {
@@ -329,13 +324,12 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
     }
 
     /// A measured motion with attitude and rates of the axes in which the vehicle hovers level: what the levels take.
-    #[inline(always)]
+    #[inline]
     pub fn own(&self, body: &Kinematics<S>) -> Kinematics<S> {
         self.axes.kinematics(body)
     }
 
     /// Memory before the first step: level, hovering.
-    #[inline(always)]
     pub fn initial(&self) -> Latched<S, R> {
         let weight = self.body.mass * self.body.gravity;
         let o = S::zero();
@@ -347,7 +341,6 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
     }
 
     /// Enters at the position level with a sample of a reference.
-    #[inline(always)]
     pub fn position(
         &self,
         state: &Kinematics<S>,
@@ -359,7 +352,6 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
     }
 
     /// Enters at the velocity level.
-    #[inline(always)]
     pub fn velocity(
         &self,
         state: &Kinematics<S>,
@@ -371,7 +363,6 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
     }
 
     /// What the position and velocity levels ask of the attitude level.
-    #[inline(always)]
     pub(super) fn attitude_of_position(
         &self,
         state: &Kinematics<S>,
@@ -383,7 +374,6 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
     }
 
     /// Likewise, with an acceleration taken off that the body has beside its thrust, m/s²: not of the motion, so drag does not follow it.
-    #[inline(always)]
     pub(super) fn attitude_without(
         &self,
         state: &Kinematics<S>,
@@ -398,14 +388,13 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
     }
 
     /// Velocity command of a sample, with the drag of its motion fed forward.
-    #[inline(always)]
+    #[inline]
     fn force_of_position(&self, state: &Kinematics<S>, sample: &Setpoint<S>) -> VelocityCommand<S> {
         let wanted = [sample.velocity, sample.acceleration, sample.jerk];
         add_drag(&self.body, state, wanted, &velocity_command(&self.gains, sample, state))
     }
 
     /// What the velocity level asks of the attitude level.
-    #[inline(always)]
     pub(super) fn attitude_of_velocity(
         &self,
         state: &Kinematics<S>,
@@ -417,7 +406,6 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
         self.attitude_of_force(state, held, &add_drag(&self.body, state, wanted, command), ticks)
     }
 
-    #[inline(always)]
     fn attitude_of_force(
         &self,
         state: &Kinematics<S>,
@@ -430,7 +418,6 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
     }
 
     /// Enters at the attitude level. The command is remembered as it is; the first tick plays no part.
-    #[inline(always)]
     pub fn attitude(
         &self,
         state: &Kinematics<S>,
@@ -443,7 +430,6 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
     }
 
     /// What the attitude level asks of the rate level.
-    #[inline(always)]
     fn rate_of_attitude(
         &self,
         state: &Kinematics<S>,
@@ -456,7 +442,6 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
     }
 
     /// Enters at the attitude level, with an angular acceleration taken off that the body has beside its moments, rad/s².
-    #[inline(always)]
     pub(super) fn rotors_without(
         &self,
         state: &Kinematics<S>,
@@ -472,7 +457,6 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
     }
 
     /// Enters at the rate level. The first two ticks play no part.
-    #[inline(always)]
     pub fn rate(
         &self,
         state: &Kinematics<S>,
@@ -485,7 +469,7 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
     }
 
     /// [F_z, M_x, M_y, M_z] that the rate level asks of the rotors.
-    #[inline(always)]
+    #[inline]
     pub(super) fn wrench(&self, state: &Kinematics<S>, command: &RateCommand<S>) -> [S; 4] {
         let m = moment(&self.gains, self.body.inertia, command, state.angular_velocity);
         // what rotor drag off the centre of mass will take away in still air
@@ -494,7 +478,7 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
     }
 
     /// Enters at the rotors: actions clipped to [−1, 1].
-    #[inline(always)]
+    #[inline]
     pub fn rotor(&self, held: &Latched<S, R>, actions: &[S; R]) -> Latched<S, R> {
         let mut new = *held;
         for i in 0..R {
@@ -504,7 +488,7 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
     }
 
     /// Rotor actions for a wrench [F_z, M_x, M_y, M_z] (N, N m; body, about the centre of mass); yaw gives way first.
-    #[inline(always)]
+    #[inline]
     pub fn actions(&self, wrench: [S; 4]) -> [S; R] {
         thrust_to_command(&allocate_yaw_last(&self.mixer, &self.max_thrust, wrench), &self.max_thrust)
     }

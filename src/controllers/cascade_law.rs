@@ -6,18 +6,10 @@ use super::integral::Missing;
 use super::law::{ControlLaw, Moment, Running};
 use super::parameters::GainSet;
 use crate::autodiff::Scalar;
-use crate::dynamics::multirotor::MAX_PADDED;
+use crate::dynamics::vehicle::MAX_ROTORS;
 use crate::dynamics::{Effects, Gains, Physics, Vehicle};
 use crate::error::Result;
 use crate::flight::Commanded;
-
-/// A cascade for one of the compiled rotor counts.
-#[derive(Debug, Clone)]
-#[expect(clippy::large_enum_variant, reason = "one per simulation, and read on every step")]
-enum AnyCascade {
-    Four(CascadeModel<f64, 4>),
-    Sixteen(CascadeModel<f64, 16>),
-}
 
 /// The full cascade of a multirotor.
 ///
@@ -26,7 +18,7 @@ enum AnyCascade {
 /// - Parameters: the twelve of [`GainSet`], and with integral action its two rates.
 #[derive(Debug, Clone)]
 pub struct CascadeLaw {
-    cascade: AnyCascade,
+    cascade: Box<CascadeModel<f64, MAX_ROTORS>>,
     gains: Gains,
     schedule: Schedule,
     n_rotor: usize,
@@ -43,10 +35,7 @@ impl CascadeLaw {
     /// [`Error::Value`](crate::error::Error::Value) if vehicle or gains are not valid, or a rate does not divide 1/dt.
     pub fn new(believed: &Vehicle, physics: &Physics, gains: &Gains, rates: &Rates) -> Result<Self> {
         let vehicle = with_drag_of(believed, physics.effects);
-        let cascade = match vehicle.n_rotor() {
-            0..=4 => AnyCascade::Four(CascadeModel::new(&vehicle, gains)?),
-            _ => AnyCascade::Sixteen(CascadeModel::new(&vehicle, gains)?),
-        };
+        let cascade = Box::new(CascadeModel::new(&vehicle, gains)?);
         let schedule = Schedule::new(rates, physics.dt)?;
         let believed = if gains.is_integral() { Some(Believed::new(&vehicle.upright())?) } else { None };
         let period = schedule.every[2] as f64 * physics.dt;
@@ -58,41 +47,8 @@ impl CascadeLaw {
         Running::of(self)
     }
 
-    #[inline(always)]
-    fn tick_with<S: Scalar, const R: usize>(
-        &self,
-        nominal: &CascadeModel<f64, R>,
-        now: &Moment<'_, S>,
-        memory: &mut [S],
-        commands: &mut [S],
-    ) {
-        let mut cascade = CascadeModel::<S, R>::constant(nominal);
-        if !now.parameters.is_empty() {
-            cascade.gains = GainSet::read(now.parameters);
-        }
-        let ticks = [now.ticks[0], now.ticks[1], now.ticks[2]];
-        let (state, sample) = (cascade.own(&now.kinematics()), now.sample());
-        let (latched, learnt) = memory.split_at_mut(self.n_latched());
-        let held = read_latched::<S, R>(latched);
-        let new = match &self.believed {
-            None => cascade.position(&state, &held, &sample, ticks),
-            Some(believed) => {
-                let mut missing = Missing::read(learnt);
-                missing.observe(ticks[2], &state, self.integral_rates(now.parameters), self.period);
-                let attitude = cascade.attitude_without(&state, &held, &sample, missing.acceleration(), ticks);
-                let new = cascade.rotors_without(&state, &held, &attitude, missing.angular_acceleration(), ticks);
-                let rotors = believed.wrench_of_actions(&new.rotors[..self.n_rotor]);
-                missing.expect(ticks[2], &state, believed, rotors, self.period);
-                missing.write(learnt);
-                new
-            }
-        };
-        commands[..self.n_rotor].copy_from_slice(&new.rotors[..self.n_rotor]);
-        write_latched(&new, latched);
-    }
-
     /// L of force and of moment, 1/s.
-    #[inline(always)]
+    #[inline]
     fn integral_rates<S: Scalar>(&self, parameters: &[S]) -> [S; 2] {
         match parameters[..] {
             [.., force, moment] => [force, moment],
@@ -129,21 +85,15 @@ impl ControlLaw for CascadeLaw {
 
     fn memory(&self) -> Vec<f64> {
         let mut memory = vec![0.0; self.n_latched()];
-        match &self.cascade {
-            AnyCascade::Four(c) => write_latched(&c.initial(), &mut memory),
-            AnyCascade::Sixteen(c) => write_latched(&c.initial(), &mut memory),
-        }
+        write_latched(&self.cascade.initial(), &mut memory);
         let learnt = if self.believed.is_some() { Missing::<f64>::DIM } else { 0 };
         memory.resize(memory.len() + learnt, 0.0);
         memory
     }
 
     fn commanded(&self, memory: &[f64]) -> Option<Commanded> {
-        let commanded = read_latched::<f64, MAX_PADDED>(&memory[..self.n_latched()]).commanded();
-        Some(match &self.cascade {
-            AnyCascade::Four(c) => c.axes.commanded(commanded),
-            AnyCascade::Sixteen(c) => c.axes.commanded(commanded),
-        })
+        let commanded = read_latched::<f64, MAX_ROTORS>(&memory[..self.n_latched()]).commanded();
+        Some(self.cascade.axes.commanded(commanded))
     }
 
     fn parameters(&self) -> Vec<f64> {
@@ -157,10 +107,29 @@ impl ControlLaw for CascadeLaw {
     }
 
     fn tick<S: Scalar>(&self, now: &Moment<'_, S>, memory: &mut [S], commands: &mut [S]) {
-        match &self.cascade {
-            AnyCascade::Four(c) => self.tick_with(c, now, memory, commands),
-            AnyCascade::Sixteen(c) => self.tick_with(c, now, memory, commands),
+        let mut cascade = CascadeModel::<S, MAX_ROTORS>::constant(&self.cascade);
+        if !now.parameters.is_empty() {
+            cascade.gains = GainSet::read(now.parameters);
         }
+        let ticks = [now.ticks[0], now.ticks[1], now.ticks[2]];
+        let (state, sample) = (cascade.own(&now.kinematics()), now.sample());
+        let (latched, learnt) = memory.split_at_mut(self.n_latched());
+        let held = read_latched(latched);
+        let new = match &self.believed {
+            None => cascade.position(&state, &held, &sample, ticks),
+            Some(believed) => {
+                let mut missing = Missing::read(learnt);
+                missing.observe(ticks[2], &state, self.integral_rates(now.parameters), self.period);
+                let attitude = cascade.attitude_without(&state, &held, &sample, missing.acceleration(), ticks);
+                let new = cascade.rotors_without(&state, &held, &attitude, missing.angular_acceleration(), ticks);
+                let rotors = believed.wrench_of_actions(&new.rotors[..self.n_rotor]);
+                missing.expect(ticks[2], &state, believed, rotors, self.period);
+                missing.write(learnt);
+                new
+            }
+        };
+        commands[..self.n_rotor].copy_from_slice(&new.rotors[..self.n_rotor]);
+        write_latched(&new, latched);
     }
 }
 
@@ -179,10 +148,10 @@ pub(super) fn with_drag_of(vehicle: &Vehicle, effects: Effects) -> Vehicle {
 }
 
 /// Numbers of a memory padded to sixteen rotors.
-const MAX_LATCHED: usize = Latched::<f64, MAX_PADDED>::DIM;
+const MAX_LATCHED: usize = Latched::<f64, MAX_ROTORS>::DIM;
 
 /// Writes a memory of R rotors without those that the vehicle does not have.
-#[inline(always)]
+#[inline]
 pub(super) fn write_latched<S: Scalar, const R: usize>(held: &Latched<S, R>, out: &mut [S]) {
     let mut padded = [S::zero(); MAX_LATCHED];
     held.write(&mut padded[..Latched::<S, R>::DIM]);
@@ -190,7 +159,7 @@ pub(super) fn write_latched<S: Scalar, const R: usize>(held: &Latched<S, R>, out
 }
 
 /// The inverse of [`write_held`]; missing rotors rest at −1.
-#[inline(always)]
+#[inline]
 pub(super) fn read_latched<S: Scalar, const R: usize>(x: &[S]) -> Latched<S, R> {
     let mut padded = [-S::one(); MAX_LATCHED];
     padded[..x.len()].copy_from_slice(x);

@@ -421,7 +421,6 @@ impl<L: ControlLaw> ClosedLoop<Running<L>> {
     }
 
     /// The law's new memory into `memory` and what it commands now into `commands`, the plant's whole input.
-    #[inline(always)]
     fn tick<S: Scalar>(&self, now: &Moment<'_, S>, tick: Option<S>, held: &[S], memory: &mut [S], commands: &mut [S]) {
         let Some(tick) = tick else { return self.law().tick(now, memory, commands) };
         let (old, due) = (memory.to_vec(), S::constant(0.5).lt(tick));

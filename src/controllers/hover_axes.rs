@@ -67,14 +67,13 @@ impl HoverAxes<f64> {
 }
 
 impl<S: Scalar> HoverAxes<S> {
-    /// The same in every lane.
-    #[inline(always)]
+    /// The same over another scalar.
+    #[inline]
     pub fn constant(axes: &HoverAxes<f64>) -> Self {
         Self { leans: axes.leans, turn: axes.turn.map(S::constant) }
     }
 
     /// The motion of the body, attitude and rates of its hover axes.
-    #[inline(always)]
     pub fn kinematics(&self, body: &Kinematics<S>) -> Kinematics<S> {
         if !self.leans {
             return *body;
@@ -87,13 +86,13 @@ impl<S: Scalar> HoverAxes<S> {
     }
 
     /// The body's attitude for one of the hover axes.
-    #[inline(always)]
+    #[inline]
     pub fn attitude(&self, of_hover_axes: Quat<S>) -> Quat<S> {
         if self.leans { multiply(of_hover_axes, self.turn) } else { of_hover_axes }
     }
 
     /// A vector in body axes.
-    #[inline(always)]
+    #[inline]
     pub fn to_body(&self, of_hover_axes: Vec3<S>) -> Vec3<S> {
         if self.leans { rotate_back(self.turn, of_hover_axes) } else { of_hover_axes }
     }

@@ -22,8 +22,8 @@ use super::velocity::{VelocityCommand, attitude_command};
 use crate::autodiff::{Scalar, System, linearise, safe};
 use crate::defaults::with_defaults;
 use crate::dynamics::Plant;
-use crate::dynamics::multirotor::MAX_PADDED;
 use crate::dynamics::spatial::{conjugate, from_matrix, mat_mul, mat_vec, matrix, multiply, sub, transpose};
+use crate::dynamics::vehicle::MAX_ROTORS;
 use crate::error::{Error, Result};
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
@@ -64,7 +64,7 @@ const INTEGRATED: usize = 4;
 /// - Ticks at the rate of the rate level.
 #[derive(Debug, Clone)]
 pub struct HoverFeedback {
-    model: CascadeModel<f64, MAX_PADDED>,
+    model: CascadeModel<f64, MAX_ROTORS>,
     max_speed: Vec<f64>,
     regulator: Regulator,
     integrates: bool,
@@ -128,9 +128,8 @@ impl HoverFeedback {
     }
 
     /// State, commands and frame of a reference, first those of the body, then of the rotors.
-    #[inline(always)]
     fn flat<S: Scalar>(&self, state: &Kinematics<S>, now: &Moment<'_, S>) -> Flat<S> {
-        let model = CascadeModel::<S, MAX_PADDED>::constant(&self.model);
+        let model = CascadeModel::<S, MAX_ROTORS>::constant(&self.model);
         let sample = now.sample();
         let wanted = [sample.velocity, sample.acceleration, sample.jerk];
         let command = add_drag(&model.body, state, wanted, &VelocityCommand::along(&sample));
@@ -150,7 +149,6 @@ impl HoverFeedback {
     }
 
     /// (x ⊖ x_ref, then what is integrated now): position and velocity along the reference's heading.
-    #[inline(always)]
     fn error<S: Scalar>(&self, state: &Kinematics<S>, now: &Moment<'_, S>, flat: &Flat<S>) -> [S; BODY] {
         let sample = now.sample();
         let (s, c) = flat.yaw.sin_cos();
@@ -175,12 +173,12 @@ impl HoverFeedback {
 struct Flat<S> {
     attitude: [[S; 3]; 3],
     angular_velocity: [S; 3],
-    actions: [S; MAX_PADDED],
+    actions: [S; MAX_ROTORS],
     yaw: S,
 }
 
 /// v, no longer than `most`.
-#[inline(always)]
+#[inline]
 fn cut<S: Scalar>(v: [S; 3], most: f64) -> [S; 3] {
     let most = S::constant(most);
     let share = most * safe::norm(v).max(most).recip();

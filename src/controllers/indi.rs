@@ -37,7 +37,6 @@ use super::parameters::{GainSet, validate_gains};
 use super::position::add_drag;
 use super::velocity::{VelocityCommand, desired_attitude};
 use crate::autodiff::jet::Jet;
-use crate::autodiff::unrolled::unrolled;
 use crate::autodiff::{Scalar, safe};
 use crate::dynamics::rotor::thrust_action;
 use crate::dynamics::spatial::{
@@ -92,39 +91,38 @@ impl<S: Scalar> Memory<S> {
     const FILTERS: usize = 18;
     const DIM: usize = Self::FILTERS + Missing::<S>::DIM;
 
-    #[inline(always)]
+    #[inline]
     fn read(x: &[S]) -> Self {
         let (mut filters, mut last) = ([[S::zero(); 2]; 6], [S::zero(); 6]);
-        unrolled!(k in 0..6 {
+        for k in 0..6 {
             (filters[k], last[k]) = ([x[2 * k], x[2 * k + 1]], x[12 + k]);
-        });
+        }
         Self { filters, last, missing: Missing::read(&x[Self::FILTERS..]) }
     }
 
-    #[inline(always)]
+    #[inline]
     fn write(&self, x: &mut [S]) {
-        unrolled!(k in 0..6 {
+        for k in 0..6 {
             (x[2 * k], x[2 * k + 1], x[12 + k]) = (self.filters[k][0], self.filters[k][1], self.last[k]);
-        });
+        }
         self.missing.write(&mut x[Self::FILTERS..]);
     }
 
     /// Filtered signals half a period ago, and their slopes, per second.
-    #[inline(always)]
     fn filtered(&mut self, filter: &LowPass, now: [S; 6], period: f64) -> ([S; 6], [S; 6]) {
         let first = self.missing.started.lt(S::constant(0.5));
         let (mut mean, mut slope) = (now, now);
-        unrolled!(k in 0..6 {
+        for k in 0..6 {
             let rest = filter.rest(now[k]);
-            unrolled!(j in 0..2 {
+            for j in 0..2 {
                 self.filters[k][j] = S::select(first, rest[j], self.filters[k][j]);
-            });
+            }
             let last = S::select(first, now[k], self.last[k]);
             let next = filter.next(&mut self.filters[k], now[k]);
             mean[k] = S::constant(0.5) * (next + last);
             slope[k] = S::constant(1.0 / period) * (next - last);
             self.last[k] = next;
-        });
+        }
         (mean, slope)
     }
 }
@@ -161,7 +159,6 @@ impl IndiLaw {
     }
 
     /// f with its first two derivatives along the reference.
-    #[inline(always)]
     fn wanted_force<S: Scalar>(
         &self,
         gains: &GainSet<S>,
@@ -183,7 +180,6 @@ impl IndiLaw {
     }
 
     /// α_d, body, rad/s².
-    #[inline(always)]
     fn angular_acceleration<S: Scalar>(
         &self,
         gains: &GainSet<S>,
@@ -210,7 +206,7 @@ impl IndiLaw {
 }
 
 /// 2 sin(θ/2) about the axis that takes e_z to the unit vector s; at half a turn about x.
-#[inline(always)]
+#[inline]
 fn tilt_error<S: Scalar>(s: Vec3<S>) -> Vec3<S> {
     let half_turn = S::constant(-1.0 + 1e-9).lt(s[2]);
     let scale = S::select(half_turn, safe::recip_sqrt(S::constant(0.5) * (S::one() + s[2]), 1e-12), S::zero());
@@ -219,7 +215,6 @@ fn tilt_error<S: Scalar>(s: Vec3<S>) -> Vec3<S> {
 }
 
 /// What is left to turn about the thrust once it points where it should: ψ_e of E = RᵀR_d, by the twist about its z.
-#[inline(always)]
 fn heading_error<S: Scalar>(e: Mat3<S>, tilt: Vec3<S>) -> S {
     // q = twist ∘ tilt with the tilt's quaternion (c, x, y, 0); what remains of E once the tilt is undone is about z
     let half = S::constant(0.5);
@@ -234,7 +229,7 @@ fn heading_error<S: Scalar>(e: Mat3<S>, tilt: Vec3<S>) -> S {
 }
 
 /// 1 where the heading says how the vehicle lies, fading to 0 for a force along it.
-#[inline(always)]
+#[inline]
 fn heading_is_defined<S: Scalar>(direction: Vec3<S>, yaw: S) -> S {
     let (s, c) = yaw.sin_cos();
     let along = direction[0].mul_add(c, direction[1] * s);

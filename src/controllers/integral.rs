@@ -21,7 +21,6 @@
 use super::believed::Believed;
 use super::kinematics::Kinematics;
 use crate::autodiff::Scalar;
-use crate::autodiff::unrolled::unrolled;
 
 /// The memory of integral action.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,58 +37,56 @@ impl<S: Scalar> Missing<S> {
     /// Numbers in the flat form: what is expected, what is missing, whether it has begun.
     pub(super) const DIM: usize = 13;
 
-    #[inline(always)]
+    #[inline]
     pub(super) fn read(x: &[S]) -> Self {
         let (mut expected, mut estimate) = ([S::zero(); 6], [S::zero(); 6]);
-        unrolled!(k in 0..6 {
+        for k in 0..6 {
             (expected[k], estimate[k]) = (x[k], x[6 + k]);
-        });
+        }
         Self { expected, estimate, started: x[12] }
     }
 
-    #[inline(always)]
+    #[inline]
     pub(super) fn write(&self, out: &mut [S]) {
-        unrolled!(k in 0..6 {
+        for k in 0..6 {
             (out[k], out[6 + k]) = (self.expected[k], self.estimate[k]);
-        });
+        }
         out[12] = self.started;
     }
 
     /// Compares where `tick` > ½: `rates` are L of force and moment, 1/s.
-    #[inline(always)]
     pub(super) fn observe(&mut self, tick: S, state: &Kinematics<S>, rates: [S; 2], period: f64) {
         let due = S::constant(0.5).lt(tick * self.started);
         let per_period = S::constant(1.0 / period);
-        unrolled!(k in 0..6 {
+        for k in 0..6 {
             let now = if k < 3 { state.velocity[k] } else { state.angular_velocity[k - 3] };
             let share = S::one() - (rates[k / 3] * S::constant(-period)).exp();
             let fresh = (now - self.expected[k]) * per_period;
             let learnt = share.mul_add(fresh - self.estimate[k], self.estimate[k]);
             self.estimate[k] = S::select(due, learnt, self.estimate[k]);
-        });
+        }
     }
 
     /// What is expected at the next tick, with the wrench [F_z, M] that the rotors give from now on.
-    #[inline(always)]
     pub(super) fn expect(&mut self, tick: S, state: &Kinematics<S>, believed: &Believed, rotors: [S; 4], period: f64) {
         let due = S::constant(0.5).lt(tick);
         let gained = believed.acceleration(state, rotors);
-        unrolled!(k in 0..6 {
+        for k in 0..6 {
             let now = if k < 3 { state.velocity[k] } else { state.angular_velocity[k - 3] };
             let next = gained[k].mul_add(S::constant(period), now);
             self.expected[k] = S::select(due, next, self.expected[k]);
-        });
+        }
         self.started = S::one();
     }
 
     /// Of v̇, world, m/s².
-    #[inline(always)]
+    #[inline]
     pub(super) fn acceleration(&self) -> [S; 3] {
         [self.estimate[0], self.estimate[1], self.estimate[2]]
     }
 
     /// Of ω̇, body, rad/s².
-    #[inline(always)]
+    #[inline]
     pub(super) fn angular_acceleration(&self) -> [S; 3] {
         [self.estimate[3], self.estimate[4], self.estimate[5]]
     }

@@ -21,14 +21,13 @@ impl<S: Scalar> Kinematics<S> {
     pub const DIM: usize = 13;
 
     /// At rest and level at `position`.
-    #[inline(always)]
+    #[inline]
     pub fn at_rest(position: Vec3<S>) -> Self {
         let zero = [S::zero(); 3];
         Self { position, velocity: zero, attitude: identity(), angular_velocity: zero }
     }
 
     /// Writes the flat form into the first [`Self::DIM`] numbers of `out`.
-    #[inline(always)]
     pub fn write(&self, out: &mut [S]) {
         for i in 0..3 {
             out[i] = self.position[i];
@@ -41,7 +40,6 @@ impl<S: Scalar> Kinematics<S> {
     }
 
     /// The inverse of [`write`](Self::write).
-    #[inline(always)]
     pub fn read(x: &[S]) -> Self {
         Self {
             position: [x[0], x[1], x[2]],

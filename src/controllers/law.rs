@@ -29,13 +29,13 @@ pub struct Moment<'a, S> {
 
 impl<S: Scalar> Moment<'_, S> {
     /// Motion of the plant's root.
-    #[inline(always)]
+    #[inline]
     pub fn kinematics(&self) -> Kinematics<S> {
         Kinematics::read(self.state)
     }
 
     /// The reference now, of a law that keeps the usual target.
-    #[inline(always)]
+    #[inline]
     pub fn sample(&self) -> Setpoint<S> {
         Setpoint::read(self.target)
     }

@@ -23,13 +23,13 @@ impl LowPass {
     }
 
     /// The memory that rests at `x`.
-    #[inline(always)]
+    #[inline]
     pub(super) fn rest<S: Scalar>(&self, x: S) -> [S; 2] {
         [S::constant(1.0 - self.b) * x, S::constant(self.b - self.a[1]) * x]
     }
 
     /// The next output (transposed direct form II).
-    #[inline(always)]
+    #[inline]
     pub(super) fn next<S: Scalar>(&self, memory: &mut [S; 2], x: S) -> S {
         let fresh = S::constant(self.b) * x;
         let y = fresh + memory[0];

@@ -26,8 +26,7 @@ impl<S: Scalar> GainSet<S> {
     /// Numbers in the flat form: K_p, K_v, K_R, K_ω.
     pub const DIM: usize = 12;
 
-    /// The same gains in every lane.
-    #[inline(always)]
+    /// The same gains over another scalar.
     pub fn constant(gains: &Gains) -> Self {
         Self {
             position: constants(gains.position),
@@ -38,7 +37,6 @@ impl<S: Scalar> GainSet<S> {
     }
 
     /// Writes the flat form into the first [`Self::DIM`] numbers of `out`.
-    #[inline(always)]
     pub fn write(&self, out: &mut [S]) {
         for i in 0..3 {
             out[i] = self.position[i];
@@ -56,7 +54,6 @@ impl<S: Scalar> GainSet<S> {
     }
 
     /// The inverse of [`write`](Self::write).
-    #[inline(always)]
     pub fn read(x: &[S]) -> Self {
         Self {
             position: [x[0], x[1], x[2]],
@@ -143,8 +140,7 @@ pub(super) fn rotor_resistances(vehicle: &Vehicle) -> impl Iterator<Item = (&Rot
 }
 
 impl<S: Scalar> BodyModel<S> {
-    /// The same body in every lane.
-    #[inline(always)]
+    /// The same body over another scalar.
     pub fn constant(body: &BodyModel<f64>) -> Self {
         Self {
             mass: S::constant(body.mass),
@@ -217,7 +213,6 @@ pub struct ForceLimits<S> {
 
 impl ForceLimits<f64> {
     /// As constants of another scalar.
-    #[inline(always)]
     pub fn cast<S: Scalar>(&self) -> ForceLimits<S> {
         ForceLimits {
             tilt_tangent: S::constant(self.tilt_tangent),

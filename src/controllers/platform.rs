@@ -40,7 +40,6 @@ use super::reference::Setpoint;
 use super::six_axis::{SixAxis, Wrench};
 use super::velocity::VelocityCommand;
 use crate::autodiff::safe;
-use crate::autodiff::unrolled::unrolled;
 use crate::dynamics::Gains;
 use crate::dynamics::spatial::{Mat3, Vec3, add, axpy, cross, dot, inverse, mat_mul, mat_vec, scale, sub, transpose};
 use crate::dynamics::tree::{Model, Multibody, Pose, body_poses, body_poses_into, center_of_mass, momentum};
@@ -273,10 +272,10 @@ impl Platform {
             let turn = mat_mul(back, poses[drone.mount.body].rotation);
             body.drag = add(body.drag, [0, 1, 2].map(|k| (0..3).map(|i| turn[k][i] * turn[k][i] * drag[i]).sum()));
         }
-        unrolled!(k in 0..3 {
+        for k in 0..3 {
             self.law.gains.attitude[k] = body.inertia[k][k] * self.turning * self.turning;
             self.law.gains.rate[k] = 2.0 * body.inertia[k][k] * self.turning;
-        });
+        }
         let Self { drones, directions, points, held, before, .. } = self;
         [&mut *points, held, before].into_iter().for_each(Vec::clear);
         points.extend(drones.iter().map(|d| mat_vec(back, sub(place(d, poses), center))));
@@ -357,10 +356,10 @@ fn inertia(model: &Model, drones: &[Gimballed], poses: &[Pose<f64>], center: Vec
     let mut total = [0, 1, 2].map(|i| [0, 1, 2].map(|k| own[(i, k)]));
     let mut point = |mass: f64, at: Vec3<f64>| {
         let r = mat_vec(back, sub(at, center));
-        unrolled!(i in 0..3 {
+        for i in 0..3 {
             total[i][i] += mass * dot(r, r);
             (0..3).for_each(|k| total[i][k] -= mass * r[i] * r[k]);
-        });
+        }
     };
     point(frame.mass, add(poses[0].position, mat_vec(poses[0].rotation, frame.center_of_mass)));
     for drone in drones {
@@ -372,9 +371,9 @@ fn inertia(model: &Model, drones: &[Gimballed], poses: &[Pose<f64>], center: Vec
         let held = drone.mount.held(poses);
         let local = mat_vec(transpose(poses[drone.mount.body].rotation), held);
         let (felt, c) = (1.0 / dot(local, mat_vec(light, local)), mat_vec(back, held));
-        unrolled!(i in 0..3 {
+        for i in 0..3 {
             total[i] = axpy(total[i], felt * c[i], c);
-        });
+        }
     }
     total
 }
@@ -401,14 +400,14 @@ fn problem(drones: &[Gimballed], points: &[Vec3<f64>]) -> Problem {
 /// B: points and held directions from the centre of mass, axes of the frame.
 fn fill(geometry: &mut DMatrix<f64>, drones: &[Gimballed], points: &[Vec3<f64>], held: &[Vec3<f64>]) {
     for (j, drone) in drones.iter().enumerate() {
-        unrolled!(k in 0..3 {
+        for k in 0..3 {
             let mut unit = [0.0; 3];
             unit[k] = 1.0;
             let moment = cross(points[j], unit);
             (0..3).for_each(|i| geometry[(i, INPUTS * j + k)] = unit[i]);
             (0..3).for_each(|i| geometry[(3 + i, INPUTS * j + k)] = moment[i]);
             geometry[(3 + k, INPUTS * j + 3)] = drone.yaw_per_thrust() * held[j][k];
-        });
+        }
     }
 }
 

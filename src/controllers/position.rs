@@ -16,7 +16,6 @@ const GAIN_FLOOR: f64 = 1e-9;
 /// v_cmd = v_ref + (K_p/K_v)(p_ref − p), world: with the velocity level, a = a_ref + K_p e_p + K_v e_v exactly.
 ///
 /// Acceleration, jerk, snap and yaw pass through.
-#[inline(always)]
 pub fn velocity_command<S: Scalar>(
     gains: &GainSet<S>,
     sample: &Setpoint<S>,
@@ -35,7 +34,6 @@ pub fn velocity_command<S: Scalar>(
 /// map of v̇ and v̈, with R taken as constant. World; v, v̇, v̈ are the reference's, so that errors are not fed forward.
 ///
 /// Source: Faessler, Franchi, Scaramuzza 2018 (rotor drag is part of the flat output map); first order, R measured.
-#[inline(always)]
 pub(crate) fn add_drag<S: Scalar>(
     body: &BodyModel<S>,
     state: &Kinematics<S>,

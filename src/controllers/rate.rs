@@ -20,13 +20,13 @@ impl<S: Scalar> RateCommand<S> {
     pub const DIM: usize = 7;
 
     /// Constant rates.
-    #[inline(always)]
+    #[inline]
     pub fn constant(thrust: S, angular_velocity: Vec3<S>) -> Self {
         Self { thrust, angular_velocity, angular_acceleration: [S::zero(); 3] }
     }
 
     /// Writes the flat form into the first [`Self::DIM`] numbers of `out`.
-    #[inline(always)]
+    #[inline]
     pub fn write(&self, out: &mut [S]) {
         out[0] = self.thrust;
         for i in 0..3 {
@@ -36,14 +36,13 @@ impl<S: Scalar> RateCommand<S> {
     }
 
     /// The inverse of [`write`](Self::write).
-    #[inline(always)]
+    #[inline]
     pub fn read(x: &[S]) -> Self {
         Self { thrust: x[0], angular_velocity: [x[1], x[2], x[3]], angular_acceleration: [x[4], x[5], x[6]] }
     }
 }
 
 /// M = −K_ω(ω − ω_cmd) + ω × Jω + J α_ff, body, N m, with the full inertia matrix.
-#[inline(always)]
 pub fn moment<S: Scalar>(
     gains: &GainSet<S>,
     inertia: Mat3<S>,

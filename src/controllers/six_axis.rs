@@ -38,7 +38,6 @@ pub struct SixAxis<S> {
 
 impl<S: Scalar> SixAxis<S> {
     /// The wanted force without gravity's help, world, N: limited, height before direction.
-    #[inline(always)]
     pub fn force(&self, state: &Kinematics<S>, command: &VelocityCommand<S>) -> Vec3<S> {
         let wanted = [command.velocity, command.acceleration, command.jerk];
         let command = add_drag(&self.body, state, wanted, command);
@@ -50,13 +49,12 @@ impl<S: Scalar> SixAxis<S> {
     }
 
     /// Enters with a pose: a sample of a reference (its yaw plays no part) and an orientation.
-    #[inline(always)]
+    #[inline]
     pub fn position(&self, state: &Kinematics<S>, sample: &Setpoint<S>, orientation: &Orientation<S>) -> Wrench<S> {
         self.velocity(state, &velocity_command(&self.gains, sample, state), orientation)
     }
 
     /// Enters with a velocity (its yaw plays no part) and an orientation. Drag at the wanted velocity is fed forward.
-    #[inline(always)]
     pub fn velocity(
         &self,
         state: &Kinematics<S>,
@@ -67,7 +65,7 @@ impl<S: Scalar> SixAxis<S> {
     }
 
     /// Enters with a force (world, N) and an orientation.
-    #[inline(always)]
+    #[inline]
     pub fn attitude(&self, state: &Kinematics<S>, force: Vec3<S>, orientation: &Orientation<S>) -> Wrench<S> {
         let command = orientation.with_thrust(S::zero());
         let rate = rate_command(&self.gains, &command, state.attitude, state.angular_velocity);
@@ -75,7 +73,7 @@ impl<S: Scalar> SixAxis<S> {
     }
 
     /// Enters with a force (body, N) and body rates; the thrust of the command plays no part.
-    #[inline(always)]
+    #[inline]
     pub fn rate(&self, state: &Kinematics<S>, force: Vec3<S>, command: &RateCommand<S>) -> Wrench<S> {
         let m = moment(&self.gains, self.body.inertia, command, state.angular_velocity);
         let m = add(m, mat_vec(self.body.drag_moment, rotate_back(state.attitude, state.velocity)));

@@ -5,7 +5,6 @@ use super::kinematics::Kinematics;
 use super::parameters::{BodyModel, ForceLimits, GainSet};
 use super::reference::Setpoint;
 use crate::autodiff::jet::Jet;
-use crate::autodiff::unrolled::unrolled;
 use crate::autodiff::{Scalar, safe};
 use crate::dynamics::spatial::{Mat3, Vec3, cross, dot, up_axis};
 
@@ -30,7 +29,6 @@ pub struct VelocityCommand<S> {
 
 impl<S: Scalar> VelocityCommand<S> {
     /// Along a reference, as if there were no error.
-    #[inline(always)]
     pub(super) fn along(sample: &Setpoint<S>) -> Self {
         Self {
             velocity: sample.velocity,
@@ -44,23 +42,23 @@ impl<S: Scalar> VelocityCommand<S> {
     }
 
     /// A wanted force f(t) per mass, m/s², whose derivatives are this command's jerk and snap.
-    #[inline(always)]
+    #[inline]
     pub(super) fn force_series(&self, force: Vec3<S>) -> Vec3<Jet<S, 3>> {
         let mut series = [Jet::<S, 3>::fixed(force[0]); 3];
-        unrolled!(i in 0..3 {
+        for i in 0..3 {
             series[i] = Jet::from_derivatives([force[i], self.jerk[i], self.snap[i]]);
-        });
+        }
         series
     }
 
     /// ψ(t), rad.
-    #[inline(always)]
+    #[inline]
     pub(super) fn yaw_series(&self) -> Jet<S, 3> {
         Jet::from_derivatives([self.yaw, self.yaw_rate, self.yaw_acceleration])
     }
 
     /// A constant velocity at a constant yaw.
-    #[inline(always)]
+    #[inline]
     pub fn constant(velocity: Vec3<S>, yaw: S) -> Self {
         let (o, zero) = (S::zero(), [S::zero(); 3]);
         Self { velocity, acceleration: zero, jerk: zero, snap: zero, yaw, yaw_rate: o, yaw_acceleration: o }
@@ -68,7 +66,6 @@ impl<S: Scalar> VelocityCommand<S> {
 }
 
 /// f = a_ref + K_v (v_cmd − v) + g e_z, the wanted force per mass, world, m/s².
-#[inline(always)]
 pub fn specific_force<S: Scalar>(
     gains: &GainSet<S>,
     gravity: S,
@@ -77,16 +74,15 @@ pub fn specific_force<S: Scalar>(
 ) -> Vec3<S> {
     let mut f = command.acceleration;
     f[2] += gravity;
-    unrolled!(i in 0..3 {
+    for i in 0..3 {
         f[i] = gains.velocity[i].mul_add(command.velocity[i] - velocity[i], f[i]);
-    });
+    }
     f
 }
 
 /// The nearest force the limits allow, height before direction: first the vertical part is held within `vertical`, least
 /// and most, then the horizontal part is shortened to the tilt limit and to what the largest norm leaves. Specific forces,
 /// world, m/s². Inside the limits the input comes back unchanged.
-#[inline(always)]
 pub fn limit_force<S: Scalar>(f: Vec3<S>, tilt_tangent: S, vertical: [S; 2], largest: S) -> Vec3<S> {
     let z = f[2].clamp(vertical[0], vertical[1]);
     let tilt = z * tilt_tangent;
@@ -102,7 +98,7 @@ pub fn limit_force<S: Scalar>(f: Vec3<S>, tilt_tangent: S, vertical: [S; 2], lar
 /// columns. Undefined where f is horizontal along b₁c; the tilt limit keeps away from it.
 ///
 /// Source: Mellinger and Kumar 2011, section III; Lee, Leok and McClamroch 2010, eq. 22.
-#[inline(always)]
+#[inline]
 pub fn desired_attitude<S: Scalar>(force: Vec3<S>, yaw: S) -> Mat3<S> {
     let b3 = safe::normalise(force);
     let (s, c) = yaw.sin_cos();
@@ -116,7 +112,6 @@ pub fn desired_attitude<S: Scalar>(force: Vec3<S>, yaw: S) -> Mat3<S> {
 /// f(t) and ψ(t) are carried as second-order series through limits and axes, so that ω_d = (R_dᵀṘ_d)^∨ and ω̇_d are
 /// exact, also where a limit acts. ḟ and f̈ are the reference's jerk and snap: the derivative of the error terms would
 /// need the measured acceleration (differential flatness, Mellinger and Kumar 2011).
-#[inline(always)]
 pub fn attitude_command<S: Scalar>(
     gains: &GainSet<S>,
     body: &BodyModel<S>,

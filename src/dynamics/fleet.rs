@@ -126,7 +126,6 @@ impl Fleet {
     }
 
     /// Sum of the wakes of all vehicles but the one at number `affected`, whose state begins at `own`; N, world.
-    #[inline(always)]
     fn push<S: Scalar>(&self, wake: &Downwash, affected: usize, own: usize, state: &[S]) -> Vec3<S> {
         let here = [state[own], state[own + 1], state[own + 2]];
         let (k_r, k_z) = (S::constant(wake.radial), S::constant(wake.axial));

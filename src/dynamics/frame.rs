@@ -1,8 +1,7 @@
 //! Where a body is and how it moves, as tasks and controllers see it.
 
 use super::spatial::{Quat, Vec3, add, cross, rotate, up_axis};
-use crate::autodiff::unrolled::unrolled;
-use crate::autodiff::{Scalar, StridedView, StridedWriter, safe};
+use crate::autodiff::{Array, Scalar, safe};
 
 /// Numbers of a frame: position, velocity, attitude, angular velocity.
 pub const FRAME: usize = 13;
@@ -22,37 +21,35 @@ pub struct Frame<S> {
 
 impl<S: Scalar> Frame<S> {
     /// Of a vehicle alone, from its state: there the angular velocity is along body axes.
-    #[inline(always)]
-    pub fn of_vehicle(state: &StridedView<'_, S>) -> Self {
+    #[inline]
+    pub fn of_vehicle(state: &[S]) -> Self {
         let mut frame = Self::read(state);
         frame.angular_velocity = rotate(frame.attitude, frame.angular_velocity);
         frame
     }
 
     /// From 13 numbers.
-    #[inline(always)]
-    pub fn read(x: &StridedView<'_, S>) -> Self {
+    #[inline]
+    pub fn read(x: &[S]) -> Self {
         Self { position: x.array(0), velocity: x.array(3), attitude: x.array(6), angular_velocity: x.array(10) }
     }
 
     /// As 13 numbers.
-    #[inline(always)]
-    pub fn write(&self, writer: &mut StridedWriter<'_, S>) {
-        writer.array(self.position);
-        writer.array(self.velocity);
-        writer.array(self.attitude);
-        writer.array(self.angular_velocity);
+    #[inline]
+    pub fn write(&self, out: &mut [S]) {
+        let parts: [&[S]; 4] = [&self.position, &self.velocity, &self.attitude, &self.angular_velocity];
+        out.iter_mut().zip(parts.into_iter().flatten()).for_each(|(out, number)| *out = *number);
     }
 
     /// Position and velocity of a point fixed in the body, world.
-    #[inline(always)]
+    #[inline]
     pub fn point(&self, local: Vec3<S>) -> (Vec3<S>, Vec3<S>) {
         let lever = rotate(self.attitude, local);
         (add(self.position, lever), add(self.velocity, cross(self.angular_velocity, lever)))
     }
 
     /// R e_x, world.
-    #[inline(always)]
+    #[inline]
     pub fn heading(&self) -> Vec3<S> {
         let [w, x, y, z] = self.attitude;
         let (one, two) = (S::one(), S::constant(2.0));
@@ -60,26 +57,25 @@ impl<S: Scalar> Frame<S> {
     }
 
     /// R e_z, world.
-    #[inline(always)]
+    #[inline]
     pub fn up(&self) -> Vec3<S> {
         up_axis(self.attitude)
     }
 
     /// Of the heading, rad.
-    #[inline(always)]
+    #[inline]
     pub fn yaw(&self) -> S {
         let [x, y, _] = self.heading();
         safe::atan2(y, x)
     }
 
     /// The attitude with w ≥ 0: q and −q are one attitude, an observation should not say which.
-    #[inline(always)]
     pub fn observed_attitude(&self) -> Quat<S> {
         let flip = self.attitude[0].lt(S::zero());
         let mut q = self.attitude;
-        unrolled!(i in 0..4 {
+        for i in 0..4 {
             q[i] = S::select(flip, -q[i], q[i]);
-        });
+        }
         q
     }
 }

@@ -33,8 +33,8 @@ pub struct Grid {
 }
 
 /// x⁺ after one step with rotor `action` in [−1, 1] and `air` held.
-#[inline(always)]
 #[doc(hidden)]
+#[inline(always)]
 pub fn step<S: Scalar, const R: usize>(
     model: &RigidModel<S, R>,
     effects: Effects,

@@ -55,11 +55,7 @@ impl Physics {
     }
 }
 
-/// Largest compiled rotor count.
-pub(crate) const MAX_PADDED: usize = 16;
-
-/// A model with rotor loops unrolled for up to four, or with loops for up to sixteen. Two copies of the physics per
-/// scalar keep compile time small; lanes have more (see `batch`).
+/// A model with rotor loops unrolled for up to four, or with loops for up to sixteen: two copies of the physics per scalar.
 #[derive(Debug, Clone)]
 #[expect(clippy::large_enum_variant, reason = "one per simulation, and read on every step")]
 pub(crate) enum AnyModel {

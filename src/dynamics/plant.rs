@@ -8,7 +8,7 @@ use super::rigid::{self, RIGID_DIM};
 use super::spatial::multiply;
 use super::tree::{self, Model, Motion, Multibody, TreePlace, carrier};
 use super::vehicle::{GRAVITY, Rotor, Vehicle};
-use crate::autodiff::{Scalar, StridedView, StridedViewMut, System};
+use crate::autodiff::{Scalar, System};
 use crate::error::{Error, Result};
 
 /// Speed that a lost rotor keeps, as a share of its largest: the equations of a motor need one. Its thrust is 1e-6 T_max.
@@ -324,10 +324,9 @@ impl Plant {
     /// Motion of every body along world axes, `FRAME` numbers each, in a state with these
     /// physical parameters.
     pub fn write_frames<S: Scalar>(&self, parameters: &[S], state: &[S], frames: &mut [S]) {
-        let (state, mut out) = (StridedView::of(state), StridedViewMut::of(frames));
         match self {
-            Self::Tree(m) => tree::frames::write(m.topology(), StridedView::of(parameters), &state, &mut out),
-            Self::Rigid(_) => Frame::of_vehicle(&state).write(&mut out.writer(0)),
+            Self::Tree(m) => tree::frames::write(m.topology(), parameters, state, frames),
+            Self::Rigid(_) => Frame::of_vehicle(state).write(frames),
         }
     }
 

@@ -42,7 +42,6 @@ impl Relief {
     }
 
     /// h and its slopes along x and y.
-    #[inline(always)]
     pub fn rise<S: Scalar>(&self, x: S, y: S) -> (S, [S; 2]) {
         let (sx, sy) = (S::constant(self.slope[0]), S::constant(self.slope[1]));
         let (mut height, mut slope) = (sx.mul_add(x, sy * y), [sx, sy]);
@@ -60,7 +59,7 @@ impl Relief {
     /// Signed distance of a world point to the ground that rises over z = `height`, m, and the ground's unit normal below it:
     /// (z − height − h)/√(1 + ‖∇h‖²). Exact on a slope; with waves of curvature κ off by about κ/2 times the square of
     /// distance times slope. Its sign is right everywhere.
-    #[inline(always)]
+    #[inline]
     pub fn surface<S: Scalar>(&self, point: Vec3<S>, height: S) -> (S, Vec3<S>) {
         let (rise, [sx, sy]) = self.rise(point[0], point[1]);
         let recip = safe::recip_sqrt(sx.mul_add(sx, sy.mul_add(sy, S::one())), safe::SQUARED_NORM_FLOOR);

@@ -105,7 +105,7 @@ impl Scene {
     }
 
     /// Signed distance of a world point to the ground, m, where there is one. With waves as exact as [`Relief::surface`].
-    #[inline(always)]
+    #[inline]
     fn over_ground<S: Scalar>(&self, point: Vec3<S>) -> Option<S> {
         let height = S::constant(self.ground?);
         Some(match &self.relief {
@@ -143,7 +143,7 @@ impl Scene {
         }
     }
 
-    #[inline(always)]
+    #[inline]
     fn gate_start(&self, i: usize) -> usize {
         let mut at = 0;
         for k in 0..i {
@@ -152,18 +152,18 @@ impl Scene {
         at
     }
 
-    #[inline(always)]
+    #[inline]
     fn obstacle_start(&self) -> usize {
         self.gate_start(self.gates.len())
     }
 
     /// Pose of the frame of gate `i`, world.
-    #[inline(always)]
+    #[inline]
     pub fn gate_pose<S: Scalar>(&self, placement: &[S], i: usize) -> Pose<S> {
         self.gate_pose_at(placement, i, self.gate_start(i))
     }
 
-    #[inline(always)]
+    #[inline]
     fn gate_pose_at<S: Scalar>(&self, placement: &[S], i: usize, at: usize) -> Pose<S> {
         let gate = &self.gates[i];
         let slide = if gate.slide.is_some() { placement[at + 3] } else { S::zero() };
@@ -171,12 +171,12 @@ impl Scene {
     }
 
     /// Pose of obstacle `i`, world.
-    #[inline(always)]
+    #[inline]
     pub fn obstacle_pose<S: Scalar>(&self, placement: &[S], i: usize) -> Pose<S> {
         self.obstacle_pose_at(placement, i, self.obstacle_start() + 3 * i)
     }
 
-    #[inline(always)]
+    #[inline]
     fn obstacle_pose_at<S: Scalar>(&self, placement: &[S], i: usize, at: usize) -> Pose<S> {
         let shape = &self.obstacles[i].shape;
         let offset = [placement[at], placement[at + 1], placement[at + 2]];
@@ -198,7 +198,6 @@ impl Scene {
     /// Exact outside. The gradient in the point has unit norm wherever one nearest point of one surface is nearest; where
     /// two are (half way between elements, on the axis of a bar, in the middle of a box) it is that of one of them, or 0
     /// on the axis itself.
-    #[inline(always)]
     pub fn distance<S: Scalar>(&self, placement: &[S], point: Vec3<S>) -> S {
         self.check(placement.len());
         let mut least = S::constant(FAR);
@@ -221,7 +220,6 @@ impl Scene {
 
     /// Signed distance of a body to the nearest element, m; [`FAR`] at most. As exact as
     /// `contact::distance` is for the pair: the sign is right for all.
-    #[inline(always)]
     pub fn clearance<S: Scalar>(&self, placement: &[S], geometry: &Geometry, pose: &Pose<S>) -> S {
         self.check(placement.len());
         let mut least = S::constant(FAR);
@@ -269,13 +267,13 @@ impl Scene {
     }
 
     /// How the step from `from` to `to` (world, m) meets the opening of gate `i`.
-    #[inline(always)]
+    #[inline]
     pub fn passage<S: Scalar>(&self, placement: &[S], i: usize, from: Vec3<S>, to: Vec3<S>) -> Passage<S> {
         self.check(placement.len());
         self.gates[i].passage(&self.gate_pose(placement, i), from, to)
     }
 
-    #[inline(always)]
+    #[inline]
     fn check(&self, length: usize) {
         let want = self.n_placement();
         assert!(length == want, "a placement of {length} numbers for a scene of {want}");

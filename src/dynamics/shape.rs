@@ -193,7 +193,7 @@ impl Shape {
     }
 
     /// Its pose in the world where `carrier` is that of what carries it.
-    #[inline(always)]
+    #[inline]
     pub fn pose<S: Scalar>(&self, carrier: &Pose<S>) -> Pose<S> {
         carrier.then(&Pose { position: constants(self.position), attitude: constants(self.rotation) })
     }
@@ -210,19 +210,19 @@ pub struct Pose<S> {
 
 impl<S: Scalar> Pose<S> {
     /// The frame `inner`, given in this one, in the outer frame.
-    #[inline(always)]
+    #[inline]
     pub fn then(&self, inner: &Self) -> Self {
         Self { position: self.point(inner.position), attitude: multiply(self.attitude, inner.attitude) }
     }
 
     /// A point of this frame in the outer frame, m.
-    #[inline(always)]
+    #[inline]
     pub fn point(&self, local: Vec3<S>) -> Vec3<S> {
         add(self.position, rotate(self.attitude, local))
     }
 
     /// A point of the outer frame in this one, m.
-    #[inline(always)]
+    #[inline]
     pub fn local(&self, outer: Vec3<S>) -> Vec3<S> {
         rotate_back(self.attitude, sub(outer, self.position))
     }

@@ -64,13 +64,12 @@ pub struct Factor<S, const N: usize> {
 
 impl<S: Scalar, const N: usize> Factor<S, N> {
     /// Room for a factorisation.
-    #[inline(always)]
+    #[inline]
     pub fn new() -> Self {
         Self { lower: [[S::zero(); N]; N], recip: [S::one(); N] }
     }
 
     /// H with rows and columns of fixed inputs replaced by those of the identity: L Lᵀ.
-    #[inline(always)]
     pub fn of(&mut self, n: usize, hessian: &[[S; N]; N], status: &[S; N], precision: Precision) {
         let l = &mut self.lower;
         for j in 0..n {
@@ -94,7 +93,6 @@ impl<S: Scalar, const N: usize> Factor<S, N> {
     }
 
     /// x ← (L Lᵀ)⁻¹ x.
-    #[inline(always)]
     pub fn solve(&self, n: usize, x: &mut [S; N]) {
         for i in 0..n {
             let mut sum = x[i];
@@ -119,31 +117,30 @@ impl<S: Scalar, const N: usize> Default for Factor<S, N> {
     }
 }
 
-#[inline(always)]
+#[inline]
 fn is_free<S: Scalar>(status: S) -> S::Mask {
     status.abs().lt(S::constant(0.5))
 }
 
-#[inline(always)]
+#[inline]
 fn at_lower<S: Scalar>(status: S) -> S::Mask {
     status.lt(S::constant(-0.5))
 }
 
-#[inline(always)]
+#[inline]
 fn at_upper<S: Scalar>(status: S) -> S::Mask {
     S::constant(0.5).lt(status)
 }
 
 impl<S: Scalar, const N: usize> BoxProgram<S, N> {
     /// Nothing yet: zero everywhere.
-    #[inline(always)]
+    #[inline]
     pub fn empty() -> Self {
         let zero = [S::zero(); N];
         Self { hessian: [zero; N], linear: zero, lower: zero, upper: zero }
     }
 
     /// H u + q.
-    #[inline(always)]
     pub fn gradient(&self, n: usize, u: &[S; N]) -> [S; N] {
         let mut g = self.linear;
         for i in 0..n {
@@ -155,7 +152,6 @@ impl<S: Scalar, const N: usize> BoxProgram<S, N> {
     }
 
     /// u clipped; what is clipped is held there.
-    #[inline(always)]
     pub fn start(&self, n: usize, u: &[S; N]) -> Iterate<S, N> {
         let mut x = Iterate { inputs: *u, status: [S::zero(); N], residual: S::constant(FAR), done: S::zero() };
         for i in 0..n {
@@ -170,7 +166,6 @@ impl<S: Scalar, const N: usize> BoxProgram<S, N> {
     }
 
     /// The active set of an earlier answer at the bounds of now.
-    #[inline(always)]
     pub fn restart(&self, n: usize, earlier: &Iterate<S, N>) -> Iterate<S, N> {
         let mut x = self.start(n, &earlier.inputs);
         for i in 0..n {
@@ -183,7 +178,6 @@ impl<S: Scalar, const N: usize> BoxProgram<S, N> {
 
     /// One step. With `many`, all inputs with a wrong multiplier are freed at once, which takes fewer steps but may come
     /// back to a set it has left; else the worst alone (with its ties), after which the objective falls.
-    #[inline(always)]
     pub fn step(&self, n: usize, x: &mut Iterate<S, N>, factor: &mut Factor<S, N>, many: bool, precision: Precision) {
         let (zero, one) = (S::zero(), S::one());
         let mut p = self.gradient(n, &x.inputs);
@@ -216,7 +210,6 @@ impl<S: Scalar, const N: usize> BoxProgram<S, N> {
     }
 
     /// Frees inputs that their multiplier pulls off their bound, after a whole step.
-    #[inline(always)]
     fn release(&self, n: usize, x: &mut Iterate<S, N>, whole: S::Mask, many: bool, precision: Precision) {
         let zero = S::zero();
         let g = self.gradient(n, &x.inputs);
@@ -251,7 +244,6 @@ impl<S: Scalar, const N: usize> BoxProgram<S, N> {
     /// ```
     ///
     /// One-sided where a multiplier is zero on its bound, see [`gap`](Self::gap).
-    #[inline(always)]
     pub fn live(&self, n: usize, x: &Iterate<S, N>, factor: &mut Factor<S, N>, precision: Precision) -> [S; N] {
         let mut fixed = *x;
         let mut still = self.hessian;
@@ -276,7 +268,6 @@ impl<S: Scalar, const N: usize> BoxProgram<S, N> {
 
     /// Distance to the nearest change of the active set: the least multiplier of a held input, the least distance of a
     /// free one to its bounds. Derivatives are one-sided where it is zero.
-    #[inline(always)]
     pub fn gap(&self, n: usize, x: &Iterate<S, N>) -> S {
         let g = self.gradient(n, &x.inputs);
         let mut gap = S::constant(FAR);

@@ -92,7 +92,7 @@ pub(crate) fn fits(n_rotor: usize, slots: usize) -> Result<()> {
 }
 
 /// T = P w clipped to [0, T_max], N; w = [F_z, M_x, M_y, M_z] about the centre of mass, body.
-#[inline(always)]
+#[inline]
 pub fn allocate<S: Scalar, const R: usize>(mixer: &[[S; 4]; R], max_thrust: &[S; R], wrench: [S; 4]) -> [S; R] {
     let mut thrusts = *max_thrust;
     for i in 0..R {
@@ -107,7 +107,6 @@ pub fn allocate<S: Scalar, const R: usize>(mixer: &[[S; 4]; R], max_thrust: &[S;
 /// bounds that contradict each other, which clips least where all rotors yaw alike.
 ///
 /// Source: the order of PX4's mixer (yaw last); one scale for all rotors, so that yaw brings no other moment with it.
-#[inline(always)]
 pub fn allocate_yaw_last<S: Scalar, const R: usize>(
     mixer: &[[S; 4]; R],
     max_thrust: &[S; R],
@@ -135,7 +134,7 @@ pub fn allocate_yaw_last<S: Scalar, const R: usize>(
 }
 
 /// a = 2T/T_max − 1, the rotor action that holds thrust T.
-#[inline(always)]
+#[inline]
 pub fn thrust_to_command<S: Scalar, const R: usize>(thrusts: &[S; R], max_thrust: &[S; R]) -> [S; R] {
     let mut commands = *thrusts;
     for i in 0..R {

@@ -31,7 +31,7 @@ impl MeanSquaredError {
 }
 
 impl Objective for MeanSquaredError {
-    #[inline(always)]
+    #[inline]
     fn stage<S: Scalar>(&self, state: &[S], input: &[S], _: &[S]) -> S {
         let mut sum = S::zero();
         for i in 0..3 {

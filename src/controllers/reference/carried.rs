@@ -5,7 +5,6 @@ use super::setpoint::Setpoint;
 use super::trajectory::{Curve, within};
 use super::waypoints::Waypoints;
 use crate::autodiff::jet::Jet;
-use crate::autodiff::unrolled::unrolled;
 use crate::autodiff::{Scalar, safe};
 use crate::dynamics::GRAVITY;
 use crate::dynamics::spatial::{Vec3, add, axpy};
@@ -38,7 +37,7 @@ pub enum LoadPath {
 
 impl LoadPath {
     /// Position (world, m) and yaw (rad) at time t.
-    #[inline(always)]
+    #[inline]
     pub fn position_and_yaw<S: Scalar>(&self, t: S) -> (Vec3<S>, S) {
         match self {
             Self::Lemniscate(path) => (path.position(t), S::constant(path.yaw)),
@@ -49,13 +48,12 @@ impl LoadPath {
 
 impl Carried {
     /// n at time t, world: the direction of a bar that lets the load follow its path, upwards.
-    #[inline(always)]
     pub fn bar<S: Scalar>(&self, t: S) -> Vec3<S> {
         let load = self.path.position_and_yaw(Jet::<S, 3>::variable(t)).0;
         let mut pull = [S::zero(); 3];
-        unrolled!(i in 0..3 {
+        for i in 0..3 {
             pull[i] = load[i].derivative(2);
-        });
+        }
         safe::normalise(add(pull, [S::zero(), S::zero(), S::constant(GRAVITY)]))
     }
 
@@ -88,17 +86,16 @@ impl Curve for Carried {
         within("carried.lever", &[self.lever], -1e3, 1e3)
     }
 
-    #[inline(always)]
     fn position<S: Scalar>(&self, t: S) -> Vec3<S> {
         let load = self.path.position_and_yaw(Jet::<S, 3>::variable(t)).0;
         let mut position = [S::zero(); 3];
-        unrolled!(i in 0..3 {
+        for i in 0..3 {
             position[i] = load[i].value();
-        });
+        }
         axpy(position, S::constant(self.lever), self.bar(t))
     }
 
-    #[inline(always)]
+    #[inline]
     fn yaw<S: Scalar>(&self, t: S) -> S {
         self.path.position_and_yaw(t).1
     }

@@ -32,7 +32,6 @@ with_defaults! {
 
 /// φ(t): the integral of the smooth step from 0 to `rate` within T = `spin_up`, ω T (7x⁵ − 14x⁶ + 10x⁷ − 2.5x⁸) with x = t/T, then
 /// ω (t − T/2).
-#[inline(always)]
 pub(super) fn smooth_phase<S: Scalar>(rate: f64, spin_up: f64, t: S) -> S {
     let t = t.max(S::zero());
     let end = S::constant(spin_up);
@@ -48,7 +47,7 @@ pub(super) fn smooth_phase<S: Scalar>(rate: f64, spin_up: f64, t: S) -> S {
 
 impl Circle {
     /// φ(t + ahead).
-    #[inline(always)]
+    #[inline]
     fn phase<S: Scalar>(&self, t: S) -> S {
         smooth_phase(self.rate, self.spin_up, t.max(S::zero()) + S::constant(self.ahead))
     }
@@ -72,7 +71,6 @@ impl Curve for Circle {
         within("circle.ahead", &[self.ahead], 0.0, 1e6)
     }
 
-    #[inline(always)]
     fn position<S: Scalar>(&self, t: S) -> Vec3<S> {
         let (s, c) = self.phase(t).sin_cos();
         let r = S::constant(self.radius);
@@ -83,7 +81,7 @@ impl Curve for Circle {
         ]
     }
 
-    #[inline(always)]
+    #[inline]
     fn yaw<S: Scalar>(&self, t: S) -> S {
         let fixed = S::constant(self.yaw);
         if !self.along_path {

@@ -51,7 +51,6 @@ impl Curve for Ellipse {
         coordinates("ellipse.yaw", &[self.yaw])
     }
 
-    #[inline(always)]
     fn position<S: Scalar>(&self, t: S) -> Vec3<S> {
         let (sin, cos) = smooth_phase(self.rate, self.spin_up, t).sin_cos();
         let (first, second) = (S::constant(self.half_axes[0]) * cos, S::constant(self.half_axes[1]) * sin);
@@ -65,7 +64,7 @@ impl Curve for Ellipse {
         ]
     }
 
-    #[inline(always)]
+    #[inline]
     fn yaw<S: Scalar>(&self, _t: S) -> S {
         S::constant(self.yaw)
     }

@@ -33,12 +33,12 @@ impl Curve for Hover {
         coordinates("hover.yaw", &[self.yaw])
     }
 
-    #[inline(always)]
+    #[inline]
     fn position<S: Scalar>(&self, _t: S) -> Vec3<S> {
         constants(self.position)
     }
 
-    #[inline(always)]
+    #[inline]
     fn yaw<S: Scalar>(&self, _t: S) -> S {
         S::constant(self.yaw)
     }
@@ -77,12 +77,11 @@ impl Curve for Step {
         coordinates("step.yaw", &[self.yaw])
     }
 
-    #[inline(always)]
+    #[inline]
     fn yaw<S: Scalar>(&self, _t: S) -> S {
         S::constant(self.yaw)
     }
 
-    #[inline(always)]
     fn position<S: Scalar>(&self, t: S) -> Vec3<S> {
         let before = t.lt(S::constant(self.time));
         let mut p = constants(self.to);

@@ -35,7 +35,7 @@ with_defaults! {
 }
 
 /// τ(w t) = sign(w) x²/(1 + x) with x = |w| max(t, 0): the phase of the paper's trajectories, from rest to rate w.
-#[inline(always)]
+#[inline]
 pub fn lemniscate_phase<S: Scalar>(rate: S, t: S) -> S {
     let t = t.max(S::zero());
     let x = rate.abs() * t;
@@ -43,7 +43,7 @@ pub fn lemniscate_phase<S: Scalar>(rate: S, t: S) -> S {
 }
 
 /// L(θ; c) = (cos θ, sin θ cos θ, c sin θ)/(1 + sin²θ), Bernoulli's lemniscate with a vertical part.
-#[inline(always)]
+#[inline]
 pub fn lemniscate_curve<S: Scalar>(phase: S, vertical: S) -> Vec3<S> {
     let (s, c) = phase.sin_cos();
     let scale = (S::one() + s * s).recip();
@@ -69,12 +69,11 @@ impl Curve for Lemniscate {
         within("lemniscate.ahead", &[self.ahead], 0.0, 1e6)
     }
 
-    #[inline(always)]
+    #[inline]
     fn yaw<S: Scalar>(&self, _t: S) -> S {
         S::constant(self.yaw)
     }
 
-    #[inline(always)]
     fn position<S: Scalar>(&self, t: S) -> Vec3<S> {
         let phase = S::constant(std::f64::consts::FRAC_PI_2)
             + lemniscate_phase(S::constant(self.rate), t + S::constant(self.ahead));

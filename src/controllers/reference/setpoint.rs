@@ -30,7 +30,7 @@ impl<S: Scalar> Setpoint<S> {
     pub const DIM: usize = 18;
 
     /// Rest at a point.
-    #[inline(always)]
+    #[inline]
     pub fn at_rest(position: Vec3<S>, yaw: S) -> Self {
         let (o, zero) = (S::zero(), [S::zero(); 3]);
         let (velocity, acceleration, jerk, snap) = (zero, zero, zero, zero);
@@ -38,7 +38,6 @@ impl<S: Scalar> Setpoint<S> {
     }
 
     /// From Taylor series in time.
-    #[inline(always)]
     pub fn from_series(position: Vec3<Jet<S, 5>>, yaw: Jet<S, 5>) -> Self {
         let mut d = [[S::zero(); 3]; 5];
         for k in 0..5 {
@@ -52,7 +51,6 @@ impl<S: Scalar> Setpoint<S> {
     }
 
     /// The same sample in every lane.
-    #[inline(always)]
     pub fn constant(sample: &Setpoint<f64>) -> Self {
         Self {
             position: constants(sample.position),
@@ -67,7 +65,6 @@ impl<S: Scalar> Setpoint<S> {
     }
 
     /// Writes the flat form into the first [`Self::DIM`] numbers of `out`.
-    #[inline(always)]
     pub fn write(&self, out: &mut [S]) {
         for i in 0..3 {
             out[i] = self.position[i];
@@ -82,7 +79,6 @@ impl<S: Scalar> Setpoint<S> {
     }
 
     /// The inverse of [`write`](Self::write).
-    #[inline(always)]
     pub fn read(x: &[S]) -> Self {
         Self {
             position: [x[0], x[1], x[2]],

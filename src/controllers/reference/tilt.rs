@@ -55,7 +55,6 @@ impl Tilt {
     }
 
     /// s at time t, s.
-    #[inline(always)]
     fn share<S: Scalar>(&self, t: S) -> S {
         let since = t - S::constant(self.at);
         if self.ramp == 0.0 {
@@ -67,7 +66,7 @@ impl Tilt {
     }
 
     /// (roll, pitch) at time t (s), rad; generic, so that a series in t gives their derivatives.
-    #[inline(always)]
+    #[inline]
     pub fn angles<S: Scalar>(&self, t: S) -> [S; 2] {
         let s = self.share(t);
         [s * S::constant(self.roll), s * S::constant(self.pitch)]

@@ -106,7 +106,6 @@ impl Waypoints {
     }
 
     /// Position (world, m) and yaw (rad) at time t.
-    #[inline(always)]
     pub(super) fn position_and_yaw<S: Scalar>(&self, t: S) -> (Vec3<S>, S) {
         let t = t.clamp(S::constant(self.points[0].time), S::constant(self.end()));
         let mut start = S::constant(self.points[0].time);
@@ -148,12 +147,12 @@ impl Curve for Waypoints {
         "a minimum-snap path through points, rest to rest"
     }
 
-    #[inline(always)]
+    #[inline]
     fn position<S: Scalar>(&self, t: S) -> Vec3<S> {
         self.position_and_yaw(t).0
     }
 
-    #[inline(always)]
+    #[inline]
     fn yaw<S: Scalar>(&self, t: S) -> S {
         self.position_and_yaw(t).1
     }

@@ -27,7 +27,6 @@ pub(crate) const DEFAULT_AXIAL: f64 = 0.3;
 ///
 /// `thrust_direction` is the unit direction of the source's thrust. Zero at and above the source's plane, with zero
 /// slope; continuously differentiable everywhere, coincident vehicles included. `k_z` ≥ 0.
-#[inline(always)]
 pub fn factor<S: Scalar>(separation: Vec3<S>, thrust_direction: Vec3<S>, k_r: S, k_z: S) -> S {
     let (zero, one) = (S::zero(), S::one());
     let along = dot(separation, thrust_direction);
@@ -49,7 +48,7 @@ pub fn factor<S: Scalar>(separation: Vec3<S>, thrust_direction: Vec3<S>, k_r: S,
 /// Force on the affected vehicle, N, world: −a T_j for a source with thrust vector `thrust` = T_j (world, N).
 ///
 /// A source without thrust gives none.
-#[inline(always)]
+#[inline]
 pub fn force<S: Scalar>(separation: Vec3<S>, thrust: Vec3<S>, k_r: S, k_z: S) -> Vec3<S> {
     let a = factor(separation, safe::normalise(thrust), k_r, k_z);
     scale(-a, thrust)

@@ -11,7 +11,7 @@ use crate::autodiff::Scalar;
 /// The height is held at R/2 or more, so the factor is at most 4/3, reached at z = R/2 and constant below it
 /// (derivative 0, also for a hub under the ground). It falls to 1.0025 at z = 5R and on towards 1, without an edge.
 /// A radius of 0 switches the effect off: exactly 1. `radius` must not be negative.
-#[inline(always)]
+#[inline]
 pub fn factor<S: Scalar>(height: S, radius: S) -> S {
     // the second floor keeps 0/0 away from a rotor without radius on the ground; it is below R/2 of any real rotor
     let z = height.max(radius * S::constant(0.5)).max(S::constant(1e-6));

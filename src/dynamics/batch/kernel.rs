@@ -6,7 +6,7 @@
 
 use crate::autodiff::{Scalar, Trace};
 use crate::dynamics::integrate::{Grid, step};
-use crate::dynamics::rigid::{Disturbance, Effects, RIGID_DIM, RigidModel, RigidState};
+use crate::dynamics::rigid::{Disturbance, Effects, RigidModel, RigidState};
 use crate::dynamics::rotor::{Motors, RotorModel};
 use crate::dynamics::vehicle::MAX_ROTORS;
 
@@ -18,24 +18,6 @@ pub(crate) const HEEDLESS: f32 = 2.0;
 pub(crate) const ALIVE: f32 = 1.0;
 pub(crate) const STOPPED: f32 = 0.0;
 pub(crate) const LISTED: f32 = -1.0;
-
-/// Row numbers within a block of `R` (padded) rotors.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Rows {
-    pub action: usize,
-    pub disturbance: usize,
-    pub alive: usize,
-    pub count: usize,
-}
-
-impl Rows {
-    pub(crate) const fn of(r: usize) -> Self {
-        let action = RIGID_DIM + r;
-        let disturbance = action + r;
-        let alive = disturbance + 9;
-        Self { action, disturbance, alive, count: alive + 1 }
-    }
-}
 
 /// Applies a macro to the numbers of a rotor that lean kernels read, in the order of their rows.
 macro_rules! lean_rotor {
@@ -67,8 +49,8 @@ fn needs_rest(e: Effects) -> bool {
 }
 
 /// A model as numbers in the order that [`unpack`] reads them, one by one into `put`.
-pub(crate) fn pack<const R: usize>(m: &RigidModel<f64, R>, mut put: impl FnMut(f64)) {
-    let mut all = |numbers: &[f64]| numbers.iter().for_each(|x| put(*x));
+pub(crate) fn pack<S: Scalar>(m: &RigidModel<S, MAX_ROTORS>, mut put: impl FnMut(S)) {
+    let mut all = |numbers: &[S]| numbers.iter().for_each(|x| put(*x));
     all(&[m.gravity, m.inverse_mass]);
     all(&m.center_of_mass);
     all(&m.inertia[..3]);
@@ -78,7 +60,7 @@ pub(crate) fn pack<const R: usize>(m: &RigidModel<f64, R>, mut put: impl FnMut(f
     macro_rules! put {
         ($($number:expr),*) => { all(&[$($number),*]) };
     }
-    for (rotor, motors) in m.rotors.iter().zip(&m.motors) {
+    for (rotor, motors) in m.rotors.iter().zip(&m.motors).take(m.n_rotor) {
         lean_rotor!(put, rotor, motors);
     }
     all(&[m.mass]);
@@ -86,7 +68,7 @@ pub(crate) fn pack<const R: usize>(m: &RigidModel<f64, R>, mut put: impl FnMut(f
     all(&m.inverse_inertia[3..]);
     all(&m.quadratic_drag);
     all(&[m.ground_height]);
-    for (rotor, motors) in m.rotors.iter().zip(&m.motors) {
+    for (rotor, motors) in m.rotors.iter().zip(&m.motors).take(m.n_rotor) {
         rest_rotor!(put, rotor, motors);
     }
 }
@@ -152,7 +134,7 @@ pub(super) fn unpack<S: Scalar>(numbers: &[S], n_rotor: usize, effects: Effects)
     model
 }
 
-/// The next state of a vehicle with as many (padded) rotors, of state, input and numbers as rows have them.
+/// The next state of a vehicle with as many rotors, of state, input and numbers as rows have them.
 pub(super) fn next_state(
     n_rotor: usize,
     effects: Effects,
@@ -170,7 +152,7 @@ pub(super) fn next_state(
 }
 
 /// Lanes that are to show where a step leads.
-#[inline(always)]
+#[inline]
 pub(crate) fn heedless<S: Scalar>(alive: S) -> S::Mask {
     S::constant(0.5 * f64::from(ALIVE + HEEDLESS)).lt(alive)
 }

@@ -1,14 +1,14 @@
 //! What a batch steps: single multirotors in closed form, or articulated systems.
 
 use super::kernel::{self, ALIVE, pack};
-use super::step_program::{Numbers, StepProgram, recorded};
+use super::step_program::{StepProgram, contained};
 use crate::autodiff::columns::Columns;
-use crate::autodiff::lanes::{Lanes, RegisterKernel, each_register_of, first_lanes, to_columns};
+use crate::autodiff::lanes::to_columns;
 use crate::autodiff::once::made_once;
 use crate::autodiff::program::BLOCK;
-use crate::autodiff::{Recording, Trace};
+use crate::autodiff::{Recording, Scalar, Trace};
 use crate::dynamics;
-use crate::dynamics::frame::Frame;
+use crate::dynamics::frame::{FRAME, Frame};
 use crate::dynamics::integrate::Grid;
 use crate::dynamics::multirotor::{AnyModel, Multirotor, Physics};
 use crate::dynamics::plant::Quantity;
@@ -35,7 +35,7 @@ pub(crate) struct Block {
     pub numbers: Option<Rows>,
 }
 
-/// A kind of system with its kernel and the layout of its blocks: state first, then what the kernel needs.
+/// A kind of system with its step and the layout of its blocks: state first, then input and `alive`.
 #[derive(Debug, Clone)]
 pub(crate) enum Plant {
     Rigid(RigidPlant),
@@ -46,11 +46,10 @@ pub(crate) enum Plant {
 #[derive(Debug, Clone)]
 pub(crate) struct RigidPlant {
     n_rotor: usize,
-    padded: usize,
     physics: Physics,
     effects: Effects,
-    rows: kernel::Rows,
     radii: Vec<f64>,
+    nominal: Vec<f64>,
     shared: Rows,
     words: Vec<Quantity>,
     steps: Steps,
@@ -65,6 +64,7 @@ pub(crate) struct TreePlant {
     /// Actions in order → rows of the block.
     action_rows: Vec<usize>,
     disturbance_rows: Vec<usize>,
+    nominal: Vec<f64>,
     shared: Rows,
     words: Vec<Quantity>,
     steps: Steps,
@@ -83,21 +83,20 @@ impl Plant {
     /// With the state of hover.
     pub(crate) fn rigid(vehicle: &Vehicle, physics: Physics) -> Result<(Self, Vec<f64>)> {
         let system = Multirotor::new(vehicle, physics)?;
-        let padded = padded_rotors(vehicle.n_rotor());
         let mut plant = RigidPlant {
             n_rotor: vehicle.n_rotor(),
-            padded,
             physics,
             effects: AnyModel::new(vehicle, physics.grid().substep).effects_of(physics.effects),
-            rows: kernel::Rows::of(padded),
             radii: vehicle.rotors.iter().map(|r| r.radius).collect(),
+            nominal: Vec::new(),
             shared: Rows::default(),
             words: Vec::new(),
             steps: Steps::default(),
         };
-        let mut shared = Vec::new();
-        plant.pack(&parameter_vector(vehicle), |x| shared.push([x as f32; BLOCK]));
-        plant.shared = shared.into_iter().collect();
+        let mut nominal = Vec::new();
+        plant.pack(&parameter_vector(vehicle), |x| nominal.push(x));
+        plant.shared = rows_of(&nominal);
+        plant.nominal = nominal;
         let hover = system.hover_state([0.0; 3])?;
         plant.words = dynamics::Plant::from(system).numbers_in_words();
         Ok((Self::Rigid(plant), hover))
@@ -114,7 +113,8 @@ impl Plant {
             general,
             action_rows: (0..topology.n_input).filter(is_action).map(|k| topology.n_state + k).collect(),
             disturbance_rows: disturbances.iter().map(|d| topology.n_state + d).collect(),
-            shared: model_parameters(model).iter().map(|v| [*v as f32; BLOCK]).collect(),
+            shared: rows_of(&model_parameters(model)),
+            nominal: model_parameters(model),
             topology,
             words: Vec::new(),
             steps: Steps::default(),
@@ -148,20 +148,23 @@ impl Plant {
         }
     }
 
+    /// Numbers of one input: actions, then disturbances where they have an effect.
+    pub(crate) fn n_input(&self) -> usize {
+        match self {
+            Self::Rigid(p) if p.effects.disturbance => p.n_rotor + Disturbance::<f64>::DIM,
+            Self::Rigid(p) => p.n_rotor,
+            Self::Tree(p) => p.topology.n_input,
+        }
+    }
+
     /// Row that tells whether an environment is alive.
     pub(crate) fn alive_row(&self) -> usize {
-        match self {
-            Self::Rigid(p) => p.rows.alive,
-            Self::Tree(p) => p.topology.n_state + p.topology.n_input,
-        }
+        self.n_state() + self.n_input()
     }
 
     /// Rows of one block.
     pub(crate) fn n_row(&self) -> usize {
-        match self {
-            Self::Rigid(p) => p.rows.count,
-            Self::Tree(_) => self.alive_row() + 1,
-        }
+        self.alive_row() + 1
     }
 
     /// Rows of the model's numbers, shared or a block's own.
@@ -178,11 +181,7 @@ impl Plant {
 
     /// Row of number k of the input: rotor actions, drives, disturbances as in the system's own.
     pub(crate) fn input_row(&self, k: usize) -> usize {
-        match self {
-            Self::Rigid(p) if k < p.n_rotor => p.rows.action + k,
-            Self::Rigid(p) => p.rows.disturbance + k - p.n_rotor,
-            Self::Tree(p) => p.topology.n_state + k,
-        }
+        self.n_state() + k
     }
 
     /// Gives one environment of a block numbers of its own, those of the system's vector at `which`. Allocates in a
@@ -202,16 +201,10 @@ impl Plant {
         }
     }
 
-    /// Writes the frames of all bodies of these environments of a block, [`FRAME`](crate::dynamics::frame::FRAME) rows
-    /// each.
-    pub(crate) fn frames(&self, block: &Block, lanes: u64, out: &mut [[f32; BLOCK]]) {
-        each_register_of(lanes & first_lanes(block.occupied), WriteFrames { plant: self, block, out });
-    }
-
     /// First row of the nine numbers of each tree's disturbance; none without that effect.
     pub(crate) fn disturbance_rows(&self) -> Vec<usize> {
         match self {
-            Self::Rigid(p) if p.effects.disturbance => vec![p.rows.disturbance],
+            Self::Rigid(p) if p.effects.disturbance => vec![RIGID_DIM + 2 * p.n_rotor],
             Self::Rigid(_) => Vec::new(),
             Self::Tree(p) => p.disturbance_rows.clone(),
         }
@@ -242,7 +235,7 @@ impl Plant {
     #[inline]
     pub(crate) fn write_actions(&self, actions: &[f32], block: &mut [[f32; BLOCK]]) {
         match self {
-            Self::Rigid(p) => to_columns(actions, &mut block[p.rows.action..p.rows.action + p.n_rotor]),
+            Self::Rigid(p) => to_columns(actions, &mut block[RIGID_DIM + p.n_rotor..][..p.n_rotor]),
             Self::Tree(p) => {
                 for (lane, row) in actions.chunks_exact(p.action_rows.len()).enumerate() {
                     for (at, value) in p.action_rows.iter().zip(row) {
@@ -278,30 +271,87 @@ impl Plant {
         program
     }
 
-    /// A step with numbers of the block's `own` or with the shared ones.
+    /// A step with numbers of the block's `own` or with the shared ones: a recording of rows, of which the last results are the state
+    /// and `alive`. Its bits are those of a kernel compiled for lanes.
     pub(super) fn recording(&self, own: bool) -> Recording {
-        let numbers = if own { Numbers::Own(self.n_number()) } else { Numbers::Shared(self.shared()) };
-        let n_input = self.n_input_row();
-        let n_state = self.alive_row() - n_input;
+        let (n_state, alive_row, n_row) = (self.n_state(), self.alive_row(), self.n_row());
+        Recording::of_lanes(n_row + if own { self.n_number() } else { 0 }, |z| {
+            let numbers = if own { z[n_row..].to_vec() } else { self.constant_numbers() };
+            let (state, input) = (&z[..n_state], &z[n_state..alive_row]);
+            self.contained_step(state, input, z[alive_row], &numbers)
+        })
+    }
+
+    /// The model's numbers as constants of a recording.
+    pub(crate) fn constant_numbers(&self) -> Vec<Trace> {
+        let nominal = match self {
+            Self::Rigid(p) => &p.nominal,
+            Self::Tree(p) => &p.nominal,
+        };
+        nominal.iter().map(|x| Trace::constant(*x)).collect()
+    }
+
+    /// The model's numbers of those of the system's vector, recorded.
+    pub(crate) fn numbers_of(&self, parameters: &[Trace]) -> Vec<Trace> {
         match self {
             Self::Rigid(p) => {
-                let actions: Vec<usize> = (p.rows.action..p.rows.action + p.n_rotor).collect();
-                recorded(n_state, n_input, numbers, &actions, |x, u, numbers| {
-                    kernel::next_state(p.padded, p.effects, p.physics.grid(), (x, u, numbers))
-                })
+                let mut numbers = Vec::new();
+                p.pack(parameters, |x| numbers.push(x));
+                numbers
             }
-            Self::Tree(p) => recorded(n_state, n_input, numbers, &p.action_rows, |x, u, numbers| {
-                next_state_of_tree(&p.topology, p.grid, (x, u, numbers))
-            }),
+            Self::Tree(_) => parameters.to_vec(),
         }
     }
 
-    /// Rows of one input.
-    fn n_input_row(&self) -> usize {
+    /// Which of the model's numbers change with these of the system's vector.
+    pub(crate) fn varying(&self, nominal: &[f64], varied: &[usize]) -> Vec<usize> {
+        let mut varying = Vec::new();
+        Recording::of(varied.len(), |z| {
+            let mut parameters: Vec<Trace> = nominal.iter().map(|x| Trace::constant(*x)).collect();
+            varied.iter().zip(z).for_each(|(k, own)| parameters[*k] = *own);
+            let numbers = self.numbers_of(&parameters);
+            varying.extend((0..numbers.len()).filter(|k| numbers[*k].known().is_none()));
+            Vec::new()
+        });
+        varying
+    }
+
+    /// The next state of state, input and the model's numbers.
+    pub(crate) fn next_state(&self, state: &[Trace], input: &[Trace], numbers: &[Trace]) -> Vec<Trace> {
         match self {
-            Self::Rigid(p) => p.rows.alive - p.rows.action,
-            Self::Tree(p) => p.topology.n_input,
+            Self::Rigid(p) => kernel::next_state(p.n_rotor, p.effects, p.physics.grid(), (state, input, numbers)),
+            Self::Tree(p) => next_state_of_tree(&p.topology, p.grid, (state, input, numbers)),
         }
+    }
+
+    /// As [`Plant::next_state`], and `alive` behind it, where what explodes stops: see [`contained`].
+    pub(crate) fn contained_step(
+        &self,
+        state: &[Trace],
+        input: &[Trace],
+        alive: Trace,
+        numbers: &[Trace],
+    ) -> Vec<Trace> {
+        let n_state = state.len();
+        let actions: Vec<Trace> = match self {
+            Self::Rigid(p) => input[..p.n_rotor].to_vec(),
+            Self::Tree(p) => p.action_rows.iter().map(|row| input[row - n_state]).collect(),
+        };
+        contained(state, &actions, alive, self.next_state(state, input, numbers))
+    }
+
+    /// Motion of every body, [`FRAME`](crate::dynamics::frame::FRAME) numbers each.
+    pub(crate) fn frames_of(&self, state: &[Trace], numbers: &[Trace]) -> Vec<Trace> {
+        let n_body = match self {
+            Self::Rigid(_) => 1,
+            Self::Tree(p) => p.topology.n_body(),
+        };
+        let mut frames = vec![Trace::zero(); n_body * FRAME];
+        match self {
+            Self::Rigid(_) => Frame::of_vehicle(state).write(&mut frames),
+            Self::Tree(p) => frames::write(&p.topology, Source::Values(numbers), state, &mut frames),
+        }
+        frames
     }
 
     /// The numbers of one environment from a vehicle of its own.
@@ -368,14 +418,9 @@ impl Plant {
 }
 
 impl RigidPlant {
-    /// The kernel's numbers of a vector of [`parameter_vector`], one by one; allocates nothing.
-    fn pack(&self, parameters: &[f64], put: impl FnMut(f64)) {
-        let (radii, substep) = (&self.radii, self.physics.grid().substep);
-        match self.padded {
-            4 => pack(&RigidModel::<f64, 4>::from_parameters(parameters, radii, substep), put),
-            8 => pack(&RigidModel::<f64, 8>::from_parameters(parameters, radii, substep), put),
-            _ => pack(&RigidModel::<f64, 16>::from_parameters(parameters, radii, substep), put),
-        }
+    /// The model's numbers of a vector of [`parameter_vector`], one by one; allocates nothing.
+    fn pack<S: Scalar>(&self, parameters: &[S], put: impl FnMut(S)) {
+        pack(&RigidModel::from_parameters(parameters, &self.radii, self.physics.grid().substep), put);
     }
 }
 
@@ -388,38 +433,11 @@ fn next_state_of_tree(t: &Topology, grid: Grid, (state, input, numbers): (&[Trac
     scratch.end[..t.n_state].to_vec()
 }
 
+/// Rows of equal numbers.
+fn rows_of(numbers: &[f64]) -> Rows {
+    numbers.iter().map(|x| [*x as f32; BLOCK]).collect()
+}
+
 pub(crate) fn wrong_length(what: &str, got: usize, wanted: usize) -> Error {
     Error::value(format!("length of {what}"), got, wanted.to_string(), "Rows are [environment, number], row-major.")
-}
-
-fn padded_rotors(n: usize) -> usize {
-    match n {
-        0..=4 => 4,
-        5..=8 => 8,
-        _ => 16,
-    }
-}
-
-/// Frames of a block, for the dispatcher.
-struct WriteFrames<'a> {
-    plant: &'a Plant,
-    block: &'a Block,
-    out: &'a mut [[f32; BLOCK]],
-}
-
-impl RegisterKernel for WriteFrames<'_> {
-    #[inline(always)]
-    fn run<L: Lanes>(&mut self, at: usize) {
-        let state = L::rows(&self.block.rows, at);
-        match self.plant {
-            Plant::Rigid(_) => Frame::of_vehicle(&state).write(&mut L::rows_mut(self.out, at).writer(0)),
-            Plant::Tree(p) => {
-                let numbers = match &self.block.numbers {
-                    Some(own) => L::rows(own, at),
-                    None => L::rows(&p.shared, 0),
-                };
-                frames::write(&p.topology, numbers, &state, &mut L::rows_mut(self.out, at));
-            }
-        }
-    }
 }

@@ -3,7 +3,7 @@
 //! Rows of a block: state, input, `alive`. The model's numbers are constants of the program, or rows of their own.
 
 use super::kernel::{EXPLODED, STOPPED, heedless};
-use super::plant::{Block, Rows};
+use super::plant::Block;
 use crate::autodiff::native::{Executable, Layout, Place, Rows as Array, Work};
 use crate::autodiff::program::BLOCK;
 use crate::autodiff::{Mask, Program, Recording, Scalar, Trace, safe};
@@ -15,38 +15,6 @@ use std::sync::{Mutex, PoisonError};
 pub(crate) struct StepProgram {
     executable: Executable<[f32; BLOCK]>,
     idle: Mutex<Vec<Work<[f32; BLOCK]>>>,
-}
-
-/// A step as a recording of rows: state, input, `alive`, and behind them numbers, unless those are constants. Results are state and
-/// `alive`. `actions` are rows. Its bits are those of a kernel compiled for lanes.
-pub(super) fn recorded(
-    n_state: usize,
-    n_input: usize,
-    numbers: Numbers<'_>,
-    actions: &[usize],
-    step: impl FnOnce(&[Trace], &[Trace], &[Trace]) -> Vec<Trace>,
-) -> Recording {
-    let alive_row = n_state + n_input;
-    let n_row = alive_row + 1;
-    let n_own = if let Numbers::Own(n) = numbers { n } else { 0 };
-    Recording::of_lanes(n_row + n_own, |z| {
-        let numbers: Vec<Trace> = match numbers {
-            Numbers::Shared(rows) => rows.iter().map(|row| Trace::constant(row[0].into())).collect(),
-            Numbers::Own(_) => z[n_row..].to_vec(),
-        };
-        let (state, alive) = (&z[..n_state], z[alive_row]);
-        let actions: Vec<Trace> = actions.iter().map(|row| z[*row]).collect();
-        contained(state, &actions, alive, step(state, &z[n_state..alive_row], &numbers))
-    })
-}
-
-/// The numbers of a model.
-#[derive(Debug, Clone, Copy)]
-pub(super) enum Numbers<'a> {
-    /// Rows of equal numbers.
-    Shared(&'a Rows),
-    /// As many rows, of each environment's own.
-    Own(usize),
 }
 
 impl StepProgram {
@@ -79,7 +47,7 @@ impl StepProgram {
 
 /// Next states and `alive`. A lane that was not alive, whose new state is not finite and bounded or whose action is no number, moved it
 /// what it moved, keeps its state and ceases to be alive; its neighbours do not notice.
-fn contained(state: &[Trace], actions: &[Trace], alive: Trace, next: Vec<Trace>) -> Vec<Trace> {
+pub(super) fn contained(state: &[Trace], actions: &[Trace], alive: Trace, next: Vec<Trace>) -> Vec<Trace> {
     let was_alive = Trace::constant(0.5).lt(alive);
     let one = Trace::one();
     let clipped: Vec<Trace> = actions.iter().map(|action| action.clamp(-one, one)).collect();

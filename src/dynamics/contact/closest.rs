@@ -11,7 +11,6 @@ const PARALLEL: f64 = 1e-6;
 /// (v/‖v‖, ‖v‖); below 1e-9 the direction is world z and the length 0, both with derivative 0.
 ///
 /// Unlike [`safe::normalise`] the direction always has unit length, so that coincident centres are pushed apart.
-#[inline(always)]
 pub fn direction<S: Scalar>(v: Vec3<S>) -> (Vec3<S>, S) {
     let tiny = safe::squared_norm(v).lt(S::constant(safe::SQUARED_NORM_FLOOR));
     let mut u = [S::zero(), S::zero(), S::one()];
@@ -25,7 +24,7 @@ pub fn direction<S: Scalar>(v: Vec3<S>) -> (Vec3<S>, S) {
 }
 
 /// Where on the segment `a` → `b` (0 to 1) the point nearest to `p` lies. A segment of no length answers 0.
-#[inline(always)]
+#[inline]
 pub(crate) fn fraction_on_segment<S: Scalar>(a: Vec3<S>, b: Vec3<S>, p: Vec3<S>) -> S {
     let d = sub(b, a);
     let along = dot(sub(p, a), d) * dot(d, d).max(S::constant(SQUARED_LENGTH_FLOOR)).recip();
@@ -33,7 +32,7 @@ pub(crate) fn fraction_on_segment<S: Scalar>(a: Vec3<S>, b: Vec3<S>, p: Vec3<S>)
 }
 
 /// The point of the segment `a` → `b` nearest to `p`.
-#[inline(always)]
+#[inline]
 pub(crate) fn point_on_segment<S: Scalar>(a: Vec3<S>, b: Vec3<S>, p: Vec3<S>) -> Vec3<S> {
     axpy(a, fraction_on_segment(a, b, p), sub(b, a))
 }
@@ -44,7 +43,6 @@ pub(crate) fn point_on_segment<S: Scalar>(a: Vec3<S>, b: Vec3<S>, p: Vec3<S>) ->
 /// parallel those points are not unique and run away; the start of the search then goes over, smoothly in the angle
 /// and within about 1e-3 rad, to the middle of the stretch where the segments lie beside each other. The square of the
 /// distance so found is too large by at most l² · 2.5e-7, with l the first segment's length.
-#[inline(always)]
 pub(crate) fn points_of_segments<S: Scalar>(a: Vec3<S>, b: Vec3<S>, c: Vec3<S>, d: Vec3<S>) -> (Vec3<S>, Vec3<S>) {
     let (zero, one) = (S::zero(), S::one());
     let floor = S::constant(SQUARED_LENGTH_FLOOR);

@@ -12,7 +12,6 @@
 
 use super::closest::point_on_segment;
 use super::pairs::{capsule_capsule, corners, round, round_contact, segment, sphere_relief};
-use crate::autodiff::unrolled::unrolled;
 use crate::autodiff::{Mask, Scalar, safe};
 use crate::dynamics::relief::Relief;
 use crate::dynamics::shape::{Geometry, Pose};
@@ -26,28 +25,27 @@ const PARALLEL: f64 = 1e-6;
 const LOWEST: f64 = -1e6;
 
 /// Distance of a point to the sphere about the origin, m.
-#[inline(always)]
+#[inline]
 pub(crate) fn point_sphere<S: Scalar>(local: Vec3<S>, radius: S) -> S {
     safe::norm(local) - radius
 }
 
 /// Distance of a point to the capsule around the segment `a` → `b`, m.
-#[inline(always)]
+#[inline]
 pub(crate) fn point_capsule<S: Scalar>(point: Vec3<S>, a: Vec3<S>, b: Vec3<S>, radius: S) -> S {
     safe::norm(sub(point, point_on_segment(a, b, point))) - radius
 }
 
 /// Distance of a point to the box about the origin with half edges `half`, m. Exact inside and outside; the gradient
 /// has unit norm but on the box's edges (closer than 1e-9 m: 0) and, inside, where two faces are equally near.
-#[inline(always)]
 pub(crate) fn point_box<S: Scalar>(local: Vec3<S>, half: Vec3<S>) -> S {
     let zero = S::zero();
     let mut q = half;
     let mut outside = half;
-    unrolled!(k in 0..3 {
+    for k in 0..3 {
         q[k] = local[k].abs() - half[k];
         outside[k] = q[k].max(zero);
-    });
+    }
     let largest = q[0].max(q[1]).max(q[2]);
     let second = q[0].min(q[1]).max(q[0].max(q[1]).min(q[2]));
     // beyond one face the distance is that to the face; beyond two or three it is that to the edge or corner
@@ -57,7 +55,6 @@ pub(crate) fn point_box<S: Scalar>(local: Vec3<S>, half: Vec3<S>) -> S {
 }
 
 /// Distance of a point to a geometry at `pose`, m.
-#[inline(always)]
 pub fn point<S: Scalar>(point: Vec3<S>, geometry: &Geometry, pose: &Pose<S>) -> S {
     let local = pose.local(point);
     match *geometry {
@@ -71,7 +68,6 @@ pub fn point<S: Scalar>(point: Vec3<S>, geometry: &Geometry, pose: &Pose<S>) -> 
 }
 
 /// Distance of a geometry at `pose` to the half space below z = `height`, m. Exact.
-#[inline(always)]
 pub fn plane_distance<S: Scalar>(geometry: &Geometry, pose: &Pose<S>, height: S) -> S {
     let up = matrix(pose.attitude)[2];
     let reach = match *geometry {
@@ -84,7 +80,6 @@ pub fn plane_distance<S: Scalar>(geometry: &Geometry, pose: &Pose<S>, height: S)
 
 /// Distance of a geometry at `pose` to uneven ground that rises over z = `height`, m: that of the points by which it touches
 /// it, a capsule's ends and a box's corners. As exact there as [`Relief::surface`].
-#[inline(always)]
 pub fn ground_distance<S: Scalar>(geometry: &Geometry, pose: &Pose<S>, height: S, relief: &Relief) -> S {
     match *geometry {
         Geometry::Sphere { radius } => -sphere_relief(pose.position, S::constant(radius), height, relief).depth,
@@ -105,7 +100,6 @@ pub fn ground_distance<S: Scalar>(geometry: &Geometry, pose: &Pose<S>, height: S
 }
 
 /// Distance between two geometries at their poses, m; see the table above for how exact.
-#[inline(always)]
 pub fn distance<S: Scalar>(geometry1: &Geometry, pose1: &Pose<S>, geometry2: &Geometry, pose2: &Pose<S>) -> S {
     match (round(geometry1), round(geometry2), *geometry1, *geometry2) {
         (Some((r1, l1)), Some((r2, l2)), ..) => -round_contact((pose1, r1, l1), (pose2, r2, l2)).depth,
@@ -117,7 +111,6 @@ pub fn distance<S: Scalar>(geometry1: &Geometry, pose1: &Pose<S>, geometry2: &Ge
 }
 
 /// Distance of a geometry at `pose` to the capsule of `radius` around the segment `axis` of the world, m.
-#[inline(always)]
 pub(crate) fn to_capsule<S: Scalar>(geometry: &Geometry, pose: &Pose<S>, axis: [Vec3<S>; 2], radius: f64) -> S {
     let around = S::constant(radius);
     match *geometry {
@@ -130,7 +123,6 @@ pub(crate) fn to_capsule<S: Scalar>(geometry: &Geometry, pose: &Pose<S>, axis: [
 }
 
 /// A sphere, or a capsule where it has a length, against a box.
-#[inline(always)]
 fn round_box<S: Scalar>(pose: &Pose<S>, radius: f64, length: Option<f64>, frame: &Pose<S>, size: [f64; 3]) -> S {
     let half = constants(half(size));
     let nearest = match length {
@@ -147,7 +139,6 @@ fn round_box<S: Scalar>(pose: &Pose<S>, radius: f64, length: Option<f64>, frame:
 ///
 /// The distance to a convex body is convex along a line, so a golden section finds its least value; the fraction found
 /// is a constant to derivatives, which at a minimum is exact.
-#[inline(always)]
 fn segment_box<S: Scalar>(a: Vec3<S>, b: Vec3<S>, half: Vec3<S>) -> S {
     let d = sub(b, a);
     let golden = S::constant(0.618_033_988_749_894_9);
@@ -174,7 +165,6 @@ fn segment_box<S: Scalar>(a: Vec3<S>, b: Vec3<S>, half: Vec3<S>) -> S {
 
 /// Two boxes by separating axes: the largest gap over three faces of each and nine products of edges (Gottschalk, Lin
 /// and Manocha 1996).
-#[inline(always)]
 fn box_box<S: Scalar>(pose1: &Pose<S>, size1: [f64; 3], pose2: &Pose<S>, size2: [f64; 3]) -> S {
     let (half1, half2): (Vec3<S>, Vec3<S>) = (constants(half(size1)), constants(half(size2)));
     // axes of the second as rows, in the frame of the first, and the way to it
@@ -182,35 +172,35 @@ fn box_box<S: Scalar>(pose1: &Pose<S>, size1: [f64; 3], pose2: &Pose<S>, size2: 
     let axes2 = mat_mul(transpose(matrix(pose2.attitude)), transpose(axes1));
     let way = mat_vec(axes1, sub(pose2.position, pose1.position));
     let mut largest = S::constant(LOWEST);
-    unrolled!(i in 0..3 {
+    for i in 0..3 {
         let mut e = [S::zero(); 3];
         e[i] = S::one();
         largest = largest.max(gap(e, way, half1, axes2, half2));
         largest = largest.max(gap(axes2[i], way, half1, axes2, half2));
-    });
-    unrolled!(i in 0..3 {
+    }
+    for i in 0..3 {
         let mut e = [S::zero(); 3];
         e[i] = S::one();
-        unrolled!(k in 0..3 {
+        for k in 0..3 {
             let axis = cross(e, axes2[k]);
             let squared = safe::squared_norm(axis);
             let parallel = squared.lt(S::constant(PARALLEL));
             let unit = scale(safe::recip_sqrt(squared, PARALLEL), axis);
             let found = gap(unit, way, half1, axes2, half2);
             largest = S::select(parallel.or(found.lt(largest)), largest, found);
-        });
-    });
+        }
+    }
     largest
 }
 
 /// Gap of two boxes along the unit vector `axis`; all in the frame of the first.
-#[inline(always)]
+#[inline]
 fn gap<S: Scalar>(axis: Vec3<S>, way: Vec3<S>, half1: Vec3<S>, axes2: [Vec3<S>; 3], half2: Vec3<S>) -> S {
     dot(way, axis).abs() - support(axis, half1) - support(mat_vec(axes2, axis), half2)
 }
 
 /// Half the extent of a box along a direction given in its frame.
-#[inline(always)]
+#[inline]
 fn support<S: Scalar>(direction: Vec3<S>, half: Vec3<S>) -> S {
     let mut sum = direction[0].abs() * half[0];
     for k in 1..3 {
@@ -219,7 +209,7 @@ fn support<S: Scalar>(direction: Vec3<S>, half: Vec3<S>) -> S {
     sum
 }
 
-#[inline(always)]
+#[inline]
 fn half(size: [f64; 3]) -> [f64; 3] {
     [0.5 * size[0], 0.5 * size[1], 0.5 * size[2]]
 }

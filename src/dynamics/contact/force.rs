@@ -14,7 +14,6 @@ const DEPTH_FLOOR: f64 = 1e-12;
 /// The elastic part stores ⅖ k δ^{5/2}; the rest is slope · δ̇² ≥ 0 of power taken out. Where (…)₊ holds a
 /// body that leaves faster than 2/(3d), stored energy is dropped, never returned twice. Continuously differentiable at
 /// touch, where slope is 0 in depth and rate; slope in rate jumps at δ̇ = −2/(3d), slope in depth where damping is held.
-#[inline(always)]
 pub fn normal_force<S: Scalar>(material: &Material<S>, depth: S, rate: S) -> S {
     let depth = depth.max(S::zero());
     let elastic = material.stiffness * depth * safe::sqrt(depth, DEPTH_FLOOR);
@@ -29,14 +28,14 @@ pub(crate) const RESOLVED: f64 = 50.0;
 
 /// (1 + u⁴)^{−1/4} of the square of a slip u over the slip speed: what is left of viscous friction −μ F_n u. To 1 % all of it up
 /// to 45 % of μ F_n, so that a step which takes it as viscous finds the creep at rest.
-#[inline(always)]
+#[inline]
 pub(crate) fn share<S: Scalar>(squared: S) -> S {
     let fourth = squared.mul_add(squared, S::one());
     safe::recip_sqrt(safe::sqrt(fourth, 1.0), 1.0)
 }
 
 /// Friction that sticks, −μ F_n u (1 + u⁴)^{−1/4} with u = v_t/v_s, N, at the part `slip` of a velocity across the normal.
-#[inline(always)]
+#[inline]
 pub(crate) fn sticking<S: Scalar>(material: &Material<S>, normal: S, slip: Vec3<S>) -> Vec3<S> {
     let slip = scale(material.slip_speed.recip(), slip);
     scale(-(material.friction * normal * share(safe::squared_norm(slip))), slip)
@@ -47,7 +46,6 @@ pub(crate) fn sticking<S: Scalar>(material: &Material<S>, normal: S, slip: Vec3<
 /// F = F_n n − μ F_n v_t/√(v_t² + v_s²), with `velocity` that of the first body's material at the point relative to the
 /// second's, and v_t its part across n. Friction never drives: F_t·v_t ≤ 0. Smooth in slip, zero slip included, with
 /// slope up to μ F_n/v_s: an explicit step stays stable where that times dt over the mass is below 2.
-#[inline(always)]
 pub fn force<S: Scalar>(material: &Material<S>, contact: &Contact<S>, velocity: Vec3<S>) -> Vec3<S> {
     let n = contact.normal;
     let leaving = dot(n, velocity);

@@ -92,7 +92,6 @@ impl ContactMaterial {
     }
 
     /// As constants of any scalar.
-    #[inline(always)]
     pub fn cast<S: Scalar>(&self) -> Material<S> {
         Material {
             stiffness: S::constant(self.stiffness),
@@ -164,7 +163,7 @@ pub struct Material<S> {
 
 impl<S: Scalar> Material<S> {
     /// No stiffer than a step resolves.
-    #[inline(always)]
+    #[inline]
     pub(crate) fn within(self, most: &Resolved) -> Self {
         Self {
             stiffness: self.stiffness.min(S::constant(most.stiffness)),

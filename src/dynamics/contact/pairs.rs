@@ -25,7 +25,7 @@ pub struct Contact<S> {
 
 impl<S: Scalar> Contact<S> {
     /// No contact: infinitely far apart for every purpose of a force.
-    #[inline(always)]
+    #[inline]
     pub fn none() -> Self {
         let o = S::zero();
         Self { point: [o; 3], normal: [o, o, S::one()], depth: -S::one() }
@@ -43,13 +43,13 @@ pub struct Contacts<S> {
 
 impl<S: Scalar> Contacts<S> {
     /// None at all.
-    #[inline(always)]
+    #[inline]
     pub fn none() -> Self {
         Self { list: [Contact::none(); MAX_CONTACTS], count: 0 }
     }
 
     /// One more, up to [`MAX_CONTACTS`].
-    #[inline(always)]
+    #[inline]
     pub fn push(&mut self, contact: Contact<S>) {
         self.list[self.count] = contact;
         self.count += 1;
@@ -57,7 +57,7 @@ impl<S: Scalar> Contacts<S> {
 }
 
 /// A sphere on the plane z = `height`, which pushes up.
-#[inline(always)]
+#[inline]
 pub(crate) fn sphere_plane<S: Scalar>(center: Vec3<S>, radius: S, height: S) -> Contact<S> {
     let depth = height + radius - center[2];
     let level = (height + center[2] - radius) * S::constant(0.5);
@@ -65,13 +65,13 @@ pub(crate) fn sphere_plane<S: Scalar>(center: Vec3<S>, radius: S, height: S) -> 
 }
 
 /// A capsule around the segment `a` → `b` on the plane z = `height`: one contact per end.
-#[inline(always)]
+#[inline]
 pub(crate) fn capsule_plane<S: Scalar>(a: Vec3<S>, b: Vec3<S>, radius: S, height: S) -> [Contact<S>; 2] {
     [sphere_plane(a, radius, height), sphere_plane(b, radius, height)]
 }
 
 /// Two spheres. Coincident centres are pushed apart along world z.
-#[inline(always)]
+#[inline]
 pub(crate) fn sphere_sphere<S: Scalar>(center1: Vec3<S>, radius1: S, center2: Vec3<S>, radius2: S) -> Contact<S> {
     let (normal, gap) = direction(sub(center1, center2));
     let depth = radius1 + radius2 - gap;
@@ -81,14 +81,13 @@ pub(crate) fn sphere_sphere<S: Scalar>(center1: Vec3<S>, radius1: S, center2: Ve
 }
 
 /// A sphere and a capsule around the segment `a` → `b`.
-#[inline(always)]
+#[inline]
 pub(crate) fn sphere_capsule<S: Scalar>(center: Vec3<S>, radius1: S, a: Vec3<S>, b: Vec3<S>, radius2: S) -> Contact<S> {
     sphere_sphere(center, radius1, point_on_segment(a, b, center), radius2)
 }
 
 /// Two capsules around the segments `a1` → `b1` and `a2` → `b2`: one contact at their nearest points, in the middle of
 /// the common stretch where they are parallel.
-#[inline(always)]
 pub(crate) fn capsule_capsule<S: Scalar>(
     [a1, b1]: [Vec3<S>; 2],
     radius1: S,
@@ -100,7 +99,6 @@ pub(crate) fn capsule_capsule<S: Scalar>(
 }
 
 /// The corners of a box of full edge lengths `size`, world.
-#[inline(always)]
 pub fn corners<S: Scalar>(pose: &Pose<S>, size: Vec3<S>) -> [Vec3<S>; 8] {
     let mut corners = [pose.position; 8];
     for i in 0..8 {
@@ -114,7 +112,7 @@ pub fn corners<S: Scalar>(pose: &Pose<S>, size: Vec3<S>) -> [Vec3<S>; 8] {
 }
 
 /// A sphere on or above uneven ground, which pushes it along the normal below its lowest point.
-#[inline(always)]
+#[inline]
 pub(crate) fn sphere_relief<S: Scalar>(center: Vec3<S>, radius: S, height: S, relief: &Relief) -> Contact<S> {
     let (_, below) = relief.surface(center, height);
     let bottom = axpy(center, -radius, below);
@@ -124,7 +122,6 @@ pub(crate) fn sphere_relief<S: Scalar>(center: Vec3<S>, radius: S, height: S, re
 
 /// A sphere and the box of half edges `half` at `position` with the world axes `rotation`, which pushes the sphere out along
 /// the nearest way.
-#[inline(always)]
 pub(crate) fn sphere_box<S: Scalar>(
     center: Vec3<S>,
     radius: S,
@@ -163,7 +160,6 @@ pub(crate) fn sphere_box<S: Scalar>(
 }
 
 /// A box on the plane z = `height`: one contact per corner.
-#[inline(always)]
 pub(crate) fn box_plane<S: Scalar>(pose: &Pose<S>, size: Vec3<S>, height: S) -> [Contact<S>; 8] {
     let corners = corners(pose, size);
     let mut contacts = [Contact::none(); 8];
@@ -174,14 +170,13 @@ pub(crate) fn box_plane<S: Scalar>(pose: &Pose<S>, size: Vec3<S>, height: S) -> 
 }
 
 /// The ends of a capsule's segment of `length`, along the local z axis, world.
-#[inline(always)]
+#[inline]
 pub fn segment<S: Scalar>(pose: &Pose<S>, length: f64) -> [Vec3<S>; 2] {
     let o = S::zero();
     [pose.point([o, o, S::constant(-0.5 * length)]), pose.point([o, o, S::constant(0.5 * length)])]
 }
 
 /// Contacts of a body at `pose` with the plane z = `height` below it; the body is the first of the pair.
-#[inline(always)]
 pub fn with_plane<S: Scalar>(geometry: &Geometry, pose: &Pose<S>, height: S) -> Contacts<S> {
     let mut contacts = Contacts::none();
     match *geometry {
@@ -203,7 +198,7 @@ pub fn with_plane<S: Scalar>(geometry: &Geometry, pose: &Pose<S>, height: S) -> 
 }
 
 /// Contacts between two bodies; none where either is a box ([`distance`](super::distance()) answers those).
-#[inline(always)]
+#[inline]
 pub fn between<S: Scalar>(geometry1: &Geometry, pose1: &Pose<S>, geometry2: &Geometry, pose2: &Pose<S>) -> Contacts<S> {
     let mut contacts = Contacts::none();
     if let (Some((r1, l1)), Some((r2, l2))) = (round(geometry1), round(geometry2)) {
@@ -213,7 +208,7 @@ pub fn between<S: Scalar>(geometry1: &Geometry, pose1: &Pose<S>, geometry2: &Geo
 }
 
 /// (radius, length of the segment) of a sphere or capsule; a sphere's segment has none.
-#[inline(always)]
+#[inline]
 pub(super) fn round(geometry: &Geometry) -> Option<(f64, Option<f64>)> {
     match *geometry {
         Geometry::Sphere { radius } => Some((radius, None)),
@@ -223,7 +218,6 @@ pub(super) fn round(geometry: &Geometry) -> Option<(f64, Option<f64>)> {
 }
 
 /// Contact of two of those, each with its pose, radius and length.
-#[inline(always)]
 pub(super) fn round_contact<S: Scalar>(
     (pose1, radius1, length1): (&Pose<S>, f64, Option<f64>),
     (pose2, radius2, length2): (&Pose<S>, f64, Option<f64>),

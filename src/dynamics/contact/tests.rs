@@ -1,7 +1,6 @@
 //! What a contact does over time: energy, rest, sliding; and what its derivatives are.
 
 use super::*;
-use crate::autodiff::lanes::{Kernel, Lanes, dispatch_each};
 use crate::autodiff::{Program, Recording, Scalar, Trace, safe};
 use crate::dynamics::GRAVITY;
 use crate::dynamics::shape::{Geometry, Pose};
@@ -458,51 +457,4 @@ fn a_recording_and_its_adjoint_agree_with_the_kernel_and_stay_finite() {
             assert!(error < 1e-6, "case {case}, direction {k}: {} against {want}", gradient[k]);
         }
     }
-}
-
-/// The force of one pair of capsules per lane.
-#[derive(Clone, Copy)]
-struct InLanes<'a>(&'a [[f32; 16]; 18]);
-
-impl Kernel for InLanes<'_> {
-    type Output = [[f32; 16]; 3];
-    #[inline(always)]
-    fn run<L: Lanes>(self) -> Self::Output {
-        let mut out = [[0.0; 16]; 3];
-        let mut at = 0;
-        while at < 16 {
-            let mut z = [L::constant(0.0); 18];
-            for k in 0..18 {
-                z[k] = L::load(&self.0[k][at..]);
-            }
-            let f = capsule_force(&z, [LEVEL, [0.8, 0.6, 0.0, 0.0]]);
-            for i in 0..3 {
-                f[i].store(&mut out[i][at..]);
-            }
-            at += L::WIDTH;
-        }
-        out
-    }
-}
-
-#[test]
-fn lanes_compute_the_force_of_single_numbers() {
-    let mut r = Stream::new(11, 0, 0, Purpose::user(7));
-    let z: [[f32; 16]; 18] = std::array::from_fn(|k| {
-        std::array::from_fn(|_| r.uniform(-1.0, 1.0) as f32 * if k % 9 < 3 { 0.2 } else { 1.0 })
-    });
-    let mut worst = 0.0_f64;
-    for (set, f) in dispatch_each(InLanes(&z)) {
-        for lane in 0..16 {
-            let single: [f64; 18] = std::array::from_fn(|k| f64::from(z[k][lane]));
-            let want = capsule_force(&single, [LEVEL, [0.8, 0.6, 0.0, 0.0]]);
-            let size = safe::norm(want).max(1.0);
-            for i in 0..3 {
-                let error = (f64::from(f[i][lane]) - want[i]).abs() / size;
-                worst = worst.max(error);
-                assert!(error < 1e-4, "{set}, lane {lane}: {} against {}", f[i][lane], want[i]);
-            }
-        }
-    }
-    println!("lanes against f64 {worst:.1e}");
 }

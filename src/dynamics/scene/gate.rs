@@ -59,7 +59,6 @@ impl Default for Slide {
 
 impl Slide {
     /// Acceleration of the frame along its y axis, m/s², at `coordinate` m and `speed` m/s, pushed by `push` N along y.
-    #[inline(always)]
     pub fn acceleration<S: Scalar>(&self, coordinate: S, speed: S, push: S) -> S {
         let stop = ContactMaterial::default().cast();
         let range = S::constant(self.range);
@@ -83,7 +82,7 @@ pub struct Passage<S> {
 
 impl Gate {
     /// (half width, half height, radius) of the bars' axes after `scale`, m.
-    #[inline(always)]
+    #[inline]
     pub(super) fn lengths(&self) -> [f64; 3] {
         [self.scale * self.half_width, self.scale * self.half_height, self.scale * self.radius]
     }
@@ -95,7 +94,7 @@ impl Gate {
     }
 
     /// Pose of the frame displaced by `offset` (world, m) and slid by `slide` along its own y axis, m.
-    #[inline(always)]
+    #[inline]
     pub fn pose<S: Scalar>(&self, offset: Vec3<S>, slide: S) -> Pose<S> {
         let mount = Pose { position: add(constants(self.position), offset), attitude: constants(self.rotation) };
         Pose { position: mount.point([S::zero(), slide, S::zero()]), attitude: mount.attitude }
@@ -103,7 +102,6 @@ impl Gate {
 
     /// Ends of the axes of the four bars (y = +w, y = −w, z = +h, z = −h), world, for the frame at `pose`; their radius is
     /// [`Gate::bar_radius`].
-    #[inline(always)]
     pub fn bars<S: Scalar>(&self, pose: &Pose<S>) -> [[Vec3<S>; 2]; 4] {
         let [w, h, _] = self.lengths();
         let o = S::zero();
@@ -120,7 +118,6 @@ impl Gate {
 
     /// Signed distance of a world point to the bars of the frame at `pose`, m. Exact outside; in the corners, where two
     /// bars overlap, the depth is that in the nearer one.
-    #[inline(always)]
     pub fn distance<S: Scalar>(&self, pose: &Pose<S>, point: Vec3<S>) -> S {
         let [w, h, radius] = self.lengths();
         let (w, h, zero) = (S::constant(w), S::constant(h), S::zero());
@@ -134,7 +131,6 @@ impl Gate {
     }
 
     /// How the step from `from` to `to` (world, m) meets the opening of the frame at `pose`.
-    #[inline(always)]
     pub fn passage<S: Scalar>(&self, pose: &Pose<S>, from: Vec3<S>, to: Vec3<S>) -> Passage<S> {
         let [w, h, radius] = self.lengths();
         let (zero, one) = (S::zero(), S::one());

@@ -115,5 +115,5 @@ fn after(now: &Frame<f64>, before: &Frame<f64>, dt: f64, gravity: f64) -> Truth 
 
 /// From 13 numbers.
 fn frame(numbers: &[f64]) -> Frame<f64> {
-    Frame::read(&crate::autodiff::StridedView::of(numbers))
+    Frame::read(numbers)
 }

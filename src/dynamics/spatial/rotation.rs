@@ -1,7 +1,6 @@
 //! Unit quaternions `[w, x, y, z]`, Hamilton product, body → world.
 
 use super::vector::{Mat3, Vec3, add, cross, dot, scale};
-use crate::autodiff::unrolled::unrolled;
 use crate::autodiff::{Scalar, safe};
 
 /// `[w, x, y, z]`.
@@ -153,9 +152,9 @@ pub fn from_matrix<S: Scalar>(m: Mat3<S>) -> Quat<S> {
         let (pivot, row) = rows[k];
         let better = best.lt(pivot);
         best = S::select(better, pivot, best);
-        unrolled!(i in 0..4 {
+        for i in 0..4 {
             q[i] = S::select(better, row[i], q[i]);
-        });
+        }
     }
     let q = unit(q);
     let sign = S::select(q[0].lt(S::zero()), -one, one);

@@ -1,7 +1,6 @@
 //! Vectors of fixed length as plain arrays.
 
 use crate::autodiff::Scalar;
-use crate::autodiff::unrolled::unrolled;
 
 /// Three components in one frame.
 pub type Vec3<S> = [S; 3];
@@ -26,9 +25,9 @@ impl<S: Scalar> Wrench<S> {
 #[inline(always)]
 pub fn add<S: Scalar, const N: usize>(a: [S; N], b: [S; N]) -> [S; N] {
     let mut r = a;
-    unrolled!(i in 0..N {
+    for i in 0..N {
         r[i] += b[i];
-    });
+    }
     r
 }
 
@@ -36,9 +35,9 @@ pub fn add<S: Scalar, const N: usize>(a: [S; N], b: [S; N]) -> [S; N] {
 #[inline(always)]
 pub fn sub<S: Scalar, const N: usize>(a: [S; N], b: [S; N]) -> [S; N] {
     let mut r = a;
-    unrolled!(i in 0..N {
+    for i in 0..N {
         r[i] -= b[i];
-    });
+    }
     r
 }
 
@@ -46,9 +45,9 @@ pub fn sub<S: Scalar, const N: usize>(a: [S; N], b: [S; N]) -> [S; N] {
 #[inline(always)]
 pub fn scale<S: Scalar, const N: usize>(s: S, a: [S; N]) -> [S; N] {
     let mut r = a;
-    unrolled!(i in 0..N {
+    for i in 0..N {
         r[i] *= s;
-    });
+    }
     r
 }
 
@@ -56,9 +55,9 @@ pub fn scale<S: Scalar, const N: usize>(s: S, a: [S; N]) -> [S; N] {
 #[inline(always)]
 pub fn hadamard<S: Scalar, const N: usize>(a: [S; N], b: [S; N]) -> [S; N] {
     let mut r = a;
-    unrolled!(i in 0..N {
+    for i in 0..N {
         r[i] *= b[i];
-    });
+    }
     r
 }
 
@@ -66,9 +65,9 @@ pub fn hadamard<S: Scalar, const N: usize>(a: [S; N], b: [S; N]) -> [S; N] {
 #[inline(always)]
 pub fn neg<S: Scalar, const N: usize>(a: [S; N]) -> [S; N] {
     let mut r = a;
-    unrolled!(i in 0..N {
+    for i in 0..N {
         r[i] = -a[i];
-    });
+    }
     r
 }
 
@@ -76,9 +75,9 @@ pub fn neg<S: Scalar, const N: usize>(a: [S; N]) -> [S; N] {
 #[inline(always)]
 pub fn axpy<S: Scalar, const N: usize>(a: [S; N], h: S, b: [S; N]) -> [S; N] {
     let mut r = a;
-    unrolled!(i in 0..N {
+    for i in 0..N {
         r[i] = h.mul_add(b[i], a[i]);
-    });
+    }
     r
 }
 
@@ -86,11 +85,11 @@ pub fn axpy<S: Scalar, const N: usize>(a: [S; N], h: S, b: [S; N]) -> [S; N] {
 #[inline(always)]
 pub fn dot<S: Scalar, const N: usize>(a: [S; N], b: [S; N]) -> S {
     let mut sum = a[0] * b[0];
-    unrolled!(i in 0..N {
+    for i in 0..N {
         if i > 0 {
             sum = a[i].mul_add(b[i], sum);
         }
-    });
+    }
     sum
 }
 
@@ -143,8 +142,8 @@ pub fn inverse<S: Scalar>(m: Mat3<S>) -> Mat3<S> {
 #[inline(always)]
 pub fn constants<S: Scalar, const N: usize>(x: [f64; N]) -> [S; N] {
     let mut r = [S::zero(); N];
-    unrolled!(i in 0..N {
+    for i in 0..N {
         r[i] = S::constant(x[i]);
-    });
+    }
     r
 }

@@ -18,14 +18,12 @@ use super::scratch::{Articulated, BodyScratch};
 use super::topology::{Kind, Topology};
 use super::torque::{self, Pass};
 use crate::autodiff::Scalar;
-use crate::autodiff::unrolled::unrolled;
 use crate::dynamics::integrate::gyroscopic_jacobian;
 use crate::dynamics::rigid::{Symmetric, full, symmetric};
 use crate::dynamics::spatial::*;
 
 /// Accelerations of all bodies and joints, from kinematics and outside forces; d/dt of state `x` into `rate`, but for
 /// the rotors.
-#[inline(always)]
 pub(crate) fn accelerate<S: Scalar, P: ParameterView<S>>(
     t: &Topology,
     numbers: P,
@@ -52,7 +50,6 @@ pub(crate) fn accelerate<S: Scalar, P: ParameterView<S>>(
 }
 
 /// Inertia and bias force of a body alone.
-#[inline(always)]
 fn own_inertia<S: Scalar, P: ParameterView<S>>(
     t: &Topology,
     i: usize,
@@ -98,7 +95,6 @@ fn own_inertia<S: Scalar, P: ParameterView<S>>(
 }
 
 /// R J Rᵀ.
-#[inline(always)]
 fn turned_inertia<S: Scalar, P: ParameterView<S>>(numbers: P, n: usize, products: bool, r: &Mat3<S>) -> Symmetric<S> {
     let diagonal: Vec3<S> = numbers.vector(n + at::INERTIA);
     let rj = if products {
@@ -111,14 +107,14 @@ fn turned_inertia<S: Scalar, P: ParameterView<S>>(numbers: P, n: usize, products
 }
 
 /// M v of a symmetric matrix.
-#[inline(always)]
+#[inline]
 fn times<S: Scalar>(m: &Symmetric<S>, v: Vec3<S>) -> Vec3<S> {
     mat_vec(full(*m), v)
 }
 
 /// The moment −J Δω/h of the body alone over a step h, with Δω from one Newton step of the implicit gyroscopic equation
 /// (see [`integrate`](crate::dynamics::integrate)): ω × Jω as h → 0, never feeding energy in.
-#[inline(always)]
+#[inline]
 fn implicit_gyroscopic<S: Scalar>(inertia: &Symmetric<S>, w: Vec3<S>, step: f64) -> Vec3<S> {
     let m = full(*inertia);
     let momentum = mat_vec(m, w);
@@ -128,7 +124,6 @@ fn implicit_gyroscopic<S: Scalar>(inertia: &Symmetric<S>, w: Vec3<S>, step: f64)
 }
 
 /// Eliminates a body's joint and adds what remains to its parent.
-#[inline(always)]
 fn to_parent<S: Scalar, P: ParameterView<S>>(
     t: &Topology,
     i: usize,
@@ -157,7 +152,6 @@ fn to_parent<S: Scalar, P: ParameterView<S>>(
     add_shifted(&mut before[p], &after[0], link.coincident);
 }
 
-#[inline(always)]
 fn eliminate_axis<S: Scalar>(body: &mut BodyScratch<S>, torque: S, slope: S, turns: bool) {
     let s = body.axis;
     let i = &body.inertia;
@@ -178,15 +172,14 @@ fn eliminate_axis<S: Scalar>(body: &mut BodyScratch<S>, torque: S, slope: S, tur
     let (a, b, d) = (&mut body.inertia.a, &mut body.inertia.b, &mut body.inertia.d);
     *a = minus_outer(*a, mi, moment);
     *d = minus_outer(*d, fi, force);
-    unrolled!(row in 0..3 {
+    for row in 0..3 {
         b[row] = axpy(b[row], -mi[row], force);
-    });
+    }
     body.bias_moment = axpy(body.bias_moment, u, mi);
     body.bias_force = axpy(body.bias_force, u, fi);
 }
 
 /// M − a bᵀ where a is a multiple of b.
-#[inline(always)]
 fn minus_outer<S: Scalar>(m: Symmetric<S>, a: Vec3<S>, b: Vec3<S>) -> Symmetric<S> {
     [
         (-a[0]).mul_add(b[0], m[0]),
@@ -198,13 +191,12 @@ fn minus_outer<S: Scalar>(m: Symmetric<S>, a: Vec3<S>, b: Vec3<S>) -> Symmetric<
     ]
 }
 
-#[inline(always)]
 fn eliminate_ball<S: Scalar>(body: &mut BodyScratch<S>, torque: Vec3<S>, slope: S) {
     let (a, b) = (full(body.inertia.a), body.inertia.b);
     let mut stiffened = body.inertia.a;
-    unrolled!(k in 0..3 {
+    for k in 0..3 {
         stiffened[k] += slope;
-    });
+    }
     let inverse = symmetric(inverse(full(stiffened)));
     let u = sub(torque, body.bias_moment);
     body.column_moment = a;
@@ -217,16 +209,15 @@ fn eliminate_ball<S: Scalar>(body: &mut BodyScratch<S>, torque: Vec3<S>, slope: 
     let (aa, ab, bb) = (mat_mul(a, ga), mat_mul(a, gb), mat_mul(back, gb));
     body.inertia.a = sub(body.inertia.a, symmetric(aa));
     body.inertia.d = sub(body.inertia.d, symmetric(bb));
-    unrolled!(row in 0..3 {
+    for row in 0..3 {
         body.inertia.b[row] = sub(b[row], ab[row]);
-    });
+    }
     let gu = mat_vec(gain, u);
     body.bias_moment = add(body.bias_moment, mat_vec(a, gu));
     body.bias_force = add(body.bias_force, mat_vec(back, gu));
 }
 
 /// Moves inertia and bias force from a body's origin to its parent's and adds them there.
-#[inline(always)]
 fn add_shifted<S: Scalar>(parent: &mut BodyScratch<S>, body: &BodyScratch<S>, coincident: bool) {
     let (i, r) = (&body.inertia, body.offset);
     let (cw, cv) = (body.bias_angular, body.bias_linear);
@@ -236,9 +227,9 @@ fn add_shifted<S: Scalar>(parent: &mut BodyScratch<S>, body: &BodyScratch<S>, co
     target.d = add(target.d, i.d);
     if coincident {
         target.a = add(target.a, i.a);
-        unrolled!(row in 0..3 {
+        for row in 0..3 {
             target.b[row] = add(target.b[row], i.b[row]);
-        });
+        }
     } else {
         moment = add(moment, mat_vec(i.b, cv));
         force = add(force, times(&i.d, cv));
@@ -246,12 +237,12 @@ fn add_shifted<S: Scalar>(parent: &mut BodyScratch<S>, body: &BodyScratch<S>, co
         // B' = B + [r]D, column by column; A' = A − B[r] + [r]B'ᵀ
         let columns = [cross(r, d[0]), cross(r, d[1]), cross(r, d[2])];
         let mut shifted = i.b;
-        unrolled!(row in 0..3 {
-            unrolled!(column in 0..3 {
+        for row in 0..3 {
+            for column in 0..3 {
                 shifted[row][column] += columns[column][row];
-            });
+            }
             target.b[row] = add(target.b[row], shifted[row]);
-        });
+        }
         let left = [cross(r, i.b[0]), cross(r, i.b[1]), cross(r, i.b[2])];
         let right = [cross(r, shifted[0]), cross(r, shifted[1]), cross(r, shifted[2])];
         let more = [
@@ -270,7 +261,6 @@ fn add_shifted<S: Scalar>(parent: &mut BodyScratch<S>, body: &BodyScratch<S>, co
 }
 
 /// Accelerations of a body from its parent's.
-#[inline(always)]
 fn from_parent<S: Scalar>(t: &Topology, i: usize, gravity: S, x: &[S], bodies: &mut [BodyScratch<S>], rate: &mut [S]) {
     let link = &t.links[i];
     let o = S::zero();
@@ -307,51 +297,49 @@ fn from_parent<S: Scalar>(t: &Topology, i: usize, gravity: S, x: &[S], bodies: &
             let own = mat_vec(transpose(body.rotation), relative);
             let w = [x[velocity], x[velocity + 1], x[velocity + 2]];
             let turning = derivative([x[position], x[position + 1], x[position + 2], x[position + 3]], w);
-            unrolled!(k in 0..3 {
+            for k in 0..3 {
                 rate[velocity + k] = own[k];
-            });
-            unrolled!(k in 0..4 {
+            }
+            for k in 0..4 {
                 rate[position + k] = turning[k];
-            });
+            }
         }
     }
 }
 
 /// A floating body: I a = −p.
-#[inline(always)]
 fn float<S: Scalar>(body: &mut BodyScratch<S>, gravity: S, x: &[S], at: usize, rate: &mut [S]) {
     let (linear, angular) = solve(&body.inertia, neg(body.bias_force), neg(body.bias_moment));
     (body.acceleration, body.angular_acceleration) = (linear, angular);
     let own = mat_vec(transpose(body.rotation), angular);
     let w = [x[at + 10], x[at + 11], x[at + 12]];
     let turning = derivative([x[at + 6], x[at + 7], x[at + 8], x[at + 9]], w);
-    unrolled!(k in 0..3 {
+    for k in 0..3 {
         rate[at + k] = x[at + 3 + k];
         rate[at + 3 + k] = linear[k];
         rate[at + 10 + k] = own[k];
-    });
+    }
     rate[at + 5] -= gravity;
-    unrolled!(k in 0..4 {
+    for k in 0..4 {
         rate[at + 6 + k] = turning[k];
-    });
+    }
 }
 
 /// (a, α) of `[D Bᵀ; B A]` (a, α) = (f, n), by L D Lᵀ without pivoting: the matrix is positive definite.
-#[inline(always)]
 fn solve<S: Scalar>(i: &Articulated<S>, force: Vec3<S>, moment: Vec3<S>) -> (Vec3<S>, Vec3<S>) {
     let (a, d) = (full(i.a), full(i.d));
     let mut l = [[S::zero(); 6]; 6];
-    unrolled!(row in 0..3 {
-        unrolled!(column in 0..3 {
+    for row in 0..3 {
+        for column in 0..3 {
             l[row][column] = d[row][column];
             l[row + 3][column] = i.b[row][column];
             l[row + 3][column + 3] = a[row][column];
-        });
-    });
+        }
+    }
     let mut y = [force[0], force[1], force[2], moment[0], moment[1], moment[2]];
     let mut inverse = [S::zero(); 6];
     // after column k, l[row][k] holds L·D and is divided where it is used
-    unrolled!(k in 0..6 {
+    for k in 0..6 {
         inverse[k] = l[k][k].recip();
         for row in k + 1..6 {
             let factor = l[row][k] * inverse[k];
@@ -360,14 +348,14 @@ fn solve<S: Scalar>(i: &Articulated<S>, force: Vec3<S>, moment: Vec3<S>) -> (Vec
             }
             y[row] = (-factor).mul_add(y[k], y[row]);
         }
-    });
-    unrolled!(k in 0..6 {
+    }
+    for k in 0..6 {
         let row = 5 - k;
         let mut sum = y[row];
         for below in row + 1..6 {
             sum = (-l[below][row]).mul_add(y[below], sum);
         }
         y[row] = sum * inverse[row];
-    });
+    }
     ([y[0], y[1], y[2]], [y[3], y[4], y[5]])
 }

@@ -24,7 +24,6 @@ struct Line<S> {
 }
 
 impl<S: Scalar> Line<S> {
-    #[inline(always)]
     fn of<P: ParameterView<S>>(t: &Topology, k: usize, numbers: P, bodies: &[BodyScratch<S>]) -> Self {
         let ends = &t.cables[k];
         let ((a, va), (b, vb)) = (end(&ends[0], bodies), end(&ends[1], bodies));
@@ -43,7 +42,6 @@ impl<S: Scalar> Line<S> {
     }
 
     /// T, N.
-    #[inline(always)]
     fn tension(&self, most_damping: f64) -> S {
         let (zero, half) = (S::zero(), S::constant(0.5));
         let rounded = self.excess.max(zero).min(self.round);
@@ -62,7 +60,7 @@ impl<S: Scalar> Line<S> {
 }
 
 /// Place and velocity of an end.
-#[inline(always)]
+#[inline]
 fn end<S: Scalar>(end: &CableEnd, bodies: &[BodyScratch<S>]) -> (Vec3<S>, Vec3<S>) {
     let Some(body) = end.body else { return (constants(end.point), [S::zero(); 3]) };
     let body = &bodies[body];
@@ -71,7 +69,6 @@ fn end<S: Scalar>(end: &CableEnd, bodies: &[BodyScratch<S>]) -> (Vec3<S>, Vec3<S
 }
 
 /// Adds what cables pull to the outside loads of bodies. Needs kinematics.
-#[inline(always)]
 pub(super) fn apply<S: Scalar, P: ParameterView<S>>(t: &Topology, numbers: P, bodies: &mut [BodyScratch<S>]) {
     for k in 0..t.cables.len() {
         let line = Line::of(t, k, numbers, bodies);

@@ -60,7 +60,6 @@ struct Visit<S> {
 
 /// Adds contact forces to the outside loads of every body, and to its net contact force. A sample adds to inertias too: they
 /// are zeroed here.
-#[inline(always)]
 pub(crate) fn apply<S: Scalar, P: ParameterView<S>>(
     t: &Topology,
     numbers: P,
@@ -87,7 +86,6 @@ pub(crate) fn apply<S: Scalar, P: ParameterView<S>>(
 const LEAST_LOAD: f64 = 1e-9;
 
 /// Finds the friction that is held through a substep of `step` s, from the accelerations of a sample.
-#[inline(always)]
 pub(crate) fn settle<S: Scalar, P: ParameterView<S>>(
     t: &Topology,
     numbers: P,
@@ -115,7 +113,6 @@ pub(crate) fn settle<S: Scalar, P: ParameterView<S>>(
     }
 }
 
-#[inline(always)]
 fn visit<S: Scalar, P: ParameterView<S>>(t: &Topology, numbers: P, at: Visit<S>, bodies: &mut [BodyScratch<S>]) {
     let n = contact_parameters(t.n_body(), t.n_rotor());
     let usual = usual_material(numbers, n);
@@ -149,7 +146,6 @@ fn visit<S: Scalar, P: ParameterView<S>>(t: &Topology, numbers: P, at: Visit<S>,
 }
 
 /// Of what has none of its own, from the numbers of contact at `n`.
-#[inline(always)]
 fn usual_material<S: Scalar, P: ParameterView<S>>(numbers: P, n: usize) -> Material<S> {
     Material {
         stiffness: numbers.get(n),
@@ -160,7 +156,7 @@ fn usual_material<S: Scalar, P: ParameterView<S>>(numbers: P, n: usize) -> Mater
     }
 }
 
-#[inline(always)]
+#[inline]
 fn material_of<S: Scalar>(own: &Option<ContactMaterial>, usual: &Material<S>) -> Material<S> {
     match own {
         Some(material) => material.cast(),
@@ -169,7 +165,6 @@ fn material_of<S: Scalar>(own: &Option<ContactMaterial>, usual: &Material<S>) ->
 }
 
 /// Force and inertia at one contact of a first with a second body; `None` stands still.
-#[inline(always)]
 fn touch<S: Scalar>(
     at: Visit<S>,
     material: &Material<S>,
@@ -221,21 +216,20 @@ fn touch<S: Scalar>(
 }
 
 /// F_n, and the velocity that it goes with, of a body that something still pushes.
-#[inline(always)]
+#[inline]
 fn normal_of<S: Scalar>(material: &Material<S>, contact: &Contact<S>, body: &BodyScratch<S>) -> (S, Vec3<S>) {
     let velocity = velocity_at(body, contact.point);
     (force::normal_force(material, contact.depth, -dot(contact.normal, velocity)), velocity)
 }
 
 /// The normal force alone: friction is held.
-#[inline(always)]
+#[inline]
 fn hold<S: Scalar>(material: &Material<S>, contact: &Contact<S>, body: &mut BodyScratch<S>) {
     let (normal, _) = normal_of(material, contact, body);
     push(body, contact.point, scale(normal, contact.normal));
 }
 
 /// Friction over a step: as inertia and force on the way to accelerations, as a force held once they are known.
-#[inline(always)]
 fn grip<S: Scalar>(at: Visit<S>, step: f64, material: &Material<S>, contact: &Contact<S>, body: &mut BodyScratch<S>) {
     let (n, h) = (contact.normal, S::constant(step));
     let (normal, velocity) = normal_of(material, contact, body);
@@ -276,18 +270,18 @@ fn grip<S: Scalar>(at: Visit<S>, step: f64, material: &Material<S>, contact: &Co
     }
 }
 
-#[inline(always)]
+#[inline]
 fn world<S: Scalar>(body: &BodyScratch<S>, point: [f64; 3]) -> Vec3<S> {
     add(body.position, mat_vec(body.rotation, constants(point)))
 }
 
-#[inline(always)]
+#[inline]
 fn velocity_at<S: Scalar>(body: &BodyScratch<S>, point: Vec3<S>) -> Vec3<S> {
     add(body.velocity, cross(body.angular_velocity, sub(point, body.position)))
 }
 
 /// A force at a point of the world.
-#[inline(always)]
+#[inline]
 fn push<S: Scalar>(body: &mut BodyScratch<S>, point: Vec3<S>, force: Vec3<S>) {
     body.contact = add(body.contact, force);
     body.force = add(body.force, force);
@@ -295,7 +289,7 @@ fn push<S: Scalar>(body: &mut BodyScratch<S>, point: Vec3<S>, force: Vec3<S>) {
 }
 
 /// A ball about `center` on the ground.
-#[inline(always)]
+#[inline]
 fn ground_contact<S: Scalar>(t: &Topology, center: Vec3<S>, radius: f64, ground: S) -> Contact<S> {
     match &t.relief {
         None => sphere_plane(center, S::constant(radius), ground),
@@ -304,7 +298,6 @@ fn ground_contact<S: Scalar>(t: &Topology, center: Vec3<S>, radius: f64, ground:
 }
 
 /// A point of a feature in the world.
-#[inline(always)]
 fn place<S: Scalar, P: ParameterView<S>>(
     t: &Topology,
     feature: &Feature,
@@ -319,7 +312,6 @@ fn place<S: Scalar, P: ParameterView<S>>(
 }
 
 /// A ball of a first feature against a second.
-#[inline(always)]
 fn ball_contact<S: Scalar, P: ParameterView<S>>(
     t: &Topology,
     (first, ball): (&Feature, Ball),
@@ -342,7 +334,6 @@ fn ball_contact<S: Scalar, P: ParameterView<S>>(
 }
 
 /// Where a rounded feature's points are in the world.
-#[inline(always)]
 fn ends<S: Scalar, P: ParameterView<S>>(
     t: &Topology,
     feature: &Feature,
@@ -355,7 +346,6 @@ fn ends<S: Scalar, P: ParameterView<S>>(
 }
 
 /// Where and how two rounded features touch, the first pushed along the normal.
-#[inline(always)]
 fn contact_of<S: Scalar, P: ParameterView<S>>(
     t: &Topology,
     pair: Pair,
@@ -374,7 +364,7 @@ fn contact_of<S: Scalar, P: ParameterView<S>>(
 }
 
 /// The same contact seen from the other body.
-#[inline(always)]
+#[inline]
 fn opposite<S: Scalar>(contact: Contact<S>) -> Contact<S> {
     Contact { normal: neg(contact.normal), ..contact }
 }

@@ -6,40 +6,33 @@
 use super::model::IDENTITY;
 use super::parameters::{ParameterView, at, link_parameters};
 use super::topology::{Axis, Kind, Link, Topology};
-use crate::autodiff::{Scalar, StridedView, StridedViewMut};
+use crate::autodiff::{Array, Scalar};
 use crate::dynamics::frame::{FRAME, Frame};
 use crate::dynamics::spatial::*;
 
 /// Writes the frame of every body, [`FRAME`] numbers each.
-#[inline(always)]
-pub(crate) fn write<S: Scalar, P: ParameterView<S>>(
-    t: &Topology,
-    numbers: P,
-    x: &StridedView<'_, S>,
-    out: &mut StridedViewMut<'_, S>,
-) {
+pub(crate) fn write<S: Scalar, P: ParameterView<S>>(t: &Topology, numbers: P, x: &[S], out: &mut [S]) {
     for i in 0..t.n_body() {
         let link = &t.links[i];
         let origin = numbers.vector(link_parameters(i) + at::JOINT_POSITION);
         let parent = match link.parent {
-            Some(p) => Frame::read(&out.rows().from(p * FRAME)),
+            Some(p) => Frame::read(&out[p * FRAME..]),
             None => world(),
         };
         let frame = place(link, origin, x, &parent);
-        frame.write(&mut out.writer(i * FRAME));
+        frame.write(&mut out[i * FRAME..]);
     }
 }
 
-#[inline(always)]
+#[inline]
 fn world<S: Scalar>() -> Frame<S> {
     let o = [S::zero(); 3];
     Frame { position: o, velocity: o, attitude: identity(), angular_velocity: o }
 }
 
-#[inline(always)]
-fn place<S: Scalar>(link: &Link, origin: Vec3<S>, x: &StridedView<'_, S>, parent: &Frame<S>) -> Frame<S> {
+fn place<S: Scalar>(link: &Link, origin: Vec3<S>, x: &[S], parent: &Frame<S>) -> Frame<S> {
     if link.kind == Kind::Floating {
-        let mut own = Frame::of_vehicle(&x.from(link.position));
+        let mut own = Frame::of_vehicle(&x[link.position..]);
         own.attitude = unit(own.attitude);
         return own;
     }
@@ -53,16 +46,16 @@ fn place<S: Scalar>(link: &Link, origin: Vec3<S>, x: &StridedView<'_, S>, parent
     match link.kind {
         Kind::Hinge(axis) => {
             let axis: Vec3<S> = vector(axis);
-            let (s, c) = (x.get(angle) * S::constant(0.5)).sin_cos();
+            let (s, c) = (x[angle] * S::constant(0.5)).sin_cos();
             own.attitude = multiply(fixed, [c, s * axis[0], s * axis[1], s * axis[2]]);
-            own.angular_velocity = axpy(own.angular_velocity, x.get(rate), rotate(fixed, axis));
+            own.angular_velocity = axpy(own.angular_velocity, x[rate], rotate(fixed, axis));
         }
         Kind::Slide(axis) => {
             let along = rotate(fixed, vector(axis));
-            let shift = scale(x.get(angle), along);
+            let shift = scale(x[angle], along);
             own.position = add(own.position, shift);
             let carried = add(own.velocity, cross(parent.angular_velocity, shift));
-            own.velocity = axpy(carried, x.get(rate), along);
+            own.velocity = axpy(carried, x[rate], along);
         }
         Kind::Ball | Kind::Floating => {
             own.attitude = multiply(fixed, unit(x.array(angle)));
@@ -73,7 +66,6 @@ fn place<S: Scalar>(link: &Link, origin: Vec3<S>, x: &StridedView<'_, S>, parent
 }
 
 /// An axis as a vector.
-#[inline(always)]
 fn vector<S: Scalar>(axis: Axis) -> Vec3<S> {
     let (o, l) = (S::zero(), S::one());
     match axis {
@@ -114,11 +106,11 @@ mod tests {
                     x[first..first + 4].copy_from_slice(&unit);
                 }
                 let mut out = vec![0.0; t.n_body() * FRAME];
-                write(&t, Source::Constants(&numbers), &StridedView::of(&x), &mut StridedViewMut::of(&mut out));
+                write(&t, Source::Constants(&numbers), &x, &mut out[..]);
                 scratch_on_stack!(scratch, &t, f64);
                 forward(&t, Source::Constants(&numbers), &x, scratch.bodies);
                 for i in 0..t.n_body() {
-                    let (frame, body) = (Frame::read(&StridedView::of(&out[i * FRAME..])), &scratch.bodies[i]);
+                    let (frame, body) = (Frame::read(&out[i * FRAME..]), &scratch.bodies[i]);
                     for k in 0..3 {
                         worst = worst.max((frame.position[k] - body.position[k]).abs());
                         worst = worst.max((frame.velocity[k] - body.velocity[k]).abs());

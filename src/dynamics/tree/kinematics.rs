@@ -14,7 +14,6 @@ use super::parameters::{ParameterView, at, link_parameters};
 use super::scratch::BodyScratch;
 use super::topology::{Axis, Kind, Link, Topology};
 use crate::autodiff::Scalar;
-use crate::autodiff::unrolled::unrolled;
 use crate::dynamics::spatial::*;
 
 /// Where a frame is and how it moves, world axes.
@@ -40,7 +39,6 @@ pub(super) fn pose_of<S: Scalar>(body: &BodyScratch<S>) -> Pose<S> {
 }
 
 /// Fills position, rotation, velocities, axes and biases of every body from a state.
-#[inline(always)]
 pub(crate) fn forward<S: Scalar, P: ParameterView<S>>(
     t: &Topology,
     numbers: P,
@@ -64,18 +62,17 @@ pub(crate) fn forward<S: Scalar, P: ParameterView<S>>(
     }
 }
 
-#[inline(always)]
+#[inline]
 fn attitude_of<S: Scalar>(x: &[S], at: usize) -> Quat<S> {
     unit([x[at], x[at + 1], x[at + 2], x[at + 3]])
 }
 
-#[inline(always)]
+#[inline]
 fn vector_of<S: Scalar>(x: &[S], at: usize) -> Vec3<S> {
     [x[at], x[at + 1], x[at + 2]]
 }
 
 /// A body that hangs on the world.
-#[inline(always)]
 fn place_root<S: Scalar>(link: &Link, origin: Vec3<S>, x: &[S], body: &mut BodyScratch<S>) {
     let o = [S::zero(); 3];
     (body.velocity, body.angular_velocity, body.bias_angular, body.bias_linear) = (o, o, o, o);
@@ -113,7 +110,6 @@ fn place_root<S: Scalar>(link: &Link, origin: Vec3<S>, x: &[S], body: &mut BodyS
 }
 
 /// A body that hangs on another.
-#[inline(always)]
 fn place_child<S: Scalar>(link: &Link, origin: Vec3<S>, x: &[S], parent: &BodyScratch<S>, body: &mut BodyScratch<S>) {
     let o = [S::zero(); 3];
     let (q, rate) = (link.position, link.velocity);
@@ -159,7 +155,6 @@ fn place_child<S: Scalar>(link: &Link, origin: Vec3<S>, x: &[S], parent: &BodySc
 }
 
 /// The axis of a joint along world axes.
-#[inline(always)]
 fn axis_in<S: Scalar>(frame: &Mat3<S>, axis: Axis) -> Vec3<S> {
     match axis {
         Axis::X => [frame[0][0], frame[1][0], frame[2][0]],
@@ -170,7 +165,6 @@ fn axis_in<S: Scalar>(frame: &Mat3<S>, axis: Axis) -> Vec3<S> {
 }
 
 /// `frame` turned about an axis of its own: R = F (c I + s `[a]×` + (1 − c) a aᵀ).
-#[inline(always)]
 fn turned<S: Scalar>(frame: &Mat3<S>, axis: Axis, (s, c): (S, S)) -> Mat3<S> {
     let mut r = *frame;
     match axis {
@@ -180,12 +174,12 @@ fn turned<S: Scalar>(frame: &Mat3<S>, axis: Axis, (s, c): (S, S)) -> Mat3<S> {
         Axis::General(a) => {
             let (a, versine): (Vec3<S>, S) = (constants(a), S::one() - c);
             let mut own = skew(scale(s, a));
-            unrolled!(i in 0..3 {
-                unrolled!(j in 0..3 {
+            for i in 0..3 {
+                for j in 0..3 {
                     own[i][j] = (versine * a[i]).mul_add(a[j], own[i][j]);
-                });
+                }
                 own[i][i] += c;
-            });
+            }
             r = mat_mul(*frame, own);
         }
     }
@@ -193,21 +187,21 @@ fn turned<S: Scalar>(frame: &Mat3<S>, axis: Axis, (s, c): (S, S)) -> Mat3<S> {
 }
 
 /// Columns i and j turned into each other: cᵢ ← c cᵢ + s cⱼ, cⱼ ← c cⱼ − s cᵢ.
-#[inline(always)]
+#[inline]
 fn mix<S: Scalar>(r: &mut Mat3<S>, i: usize, j: usize, s: S, c: S) {
-    unrolled!(row in 0..3 {
+    for row in 0..3 {
         let (a, b) = (r[row][i], r[row][j]);
         r[row][i] = c.mul_add(a, s * b);
         r[row][j] = c.mul_add(b, -(s * a));
-    });
+    }
 }
 
-#[inline(always)]
+#[inline]
 fn constant_matrix<S: Scalar>(m: [[f64; 3]; 3]) -> Mat3<S> {
     [constants(m[0]), constants(m[1]), constants(m[2])]
 }
 
-#[inline(always)]
+#[inline]
 fn mat_mul_constant<S: Scalar>(a: &Mat3<S>, b: [[f64; 3]; 3]) -> Mat3<S> {
     mat_mul(*a, constant_matrix(b))
 }

@@ -14,7 +14,6 @@ use crate::dynamics::rotor::{self, Lag, Motor, N_ROTOR_PARAMETER, RotorModel, co
 use crate::dynamics::spatial::*;
 
 /// Constants and target speed of every rotor: what stays the same through a step.
-#[inline(always)]
 pub(crate) fn prepare_rotors<S: Scalar, P: ParameterView<S>>(
     t: &Topology,
     numbers: P,
@@ -36,7 +35,6 @@ pub(crate) fn prepare_rotors<S: Scalar, P: ParameterView<S>>(
 
 /// Every rotor at the start of a substep of `substep` seconds, from its present speed. The motor is made for the one
 /// direction that it takes: most steps are one substep, and an exponential is dear.
-#[inline(always)]
 pub(crate) fn start_rotors<S: Scalar, P: ParameterView<S>>(
     t: &Topology,
     numbers: P,
@@ -54,7 +52,7 @@ pub(crate) fn start_rotors<S: Scalar, P: ParameterView<S>>(
 }
 
 /// Half a substep on.
-#[inline(always)]
+#[inline]
 pub(crate) fn advance_rotors<S: Scalar>(t: &Topology, rotors: &mut [RotorScratch<S>]) {
     for r in 0..t.n_rotor() {
         rotors[r].speed = rotors[r].lag.advance();
@@ -62,7 +60,6 @@ pub(crate) fn advance_rotors<S: Scalar>(t: &Topology, rotors: &mut [RotorScratch
 }
 
 /// Outside force and moment on every body, world axes, about its origin. Needs kinematics.
-#[inline(always)]
 pub(crate) fn apply<S: Scalar, P: ParameterView<S>>(
     t: &Topology,
     numbers: P,
@@ -106,7 +103,6 @@ pub(crate) fn apply<S: Scalar, P: ParameterView<S>>(
 }
 
 /// About the body's origin, body axes.
-#[inline(always)]
 fn rotor_wrench<S: Scalar, P: ParameterView<S>>(
     t: &Topology,
     link: &Link,
@@ -128,7 +124,6 @@ fn rotor_wrench<S: Scalar, P: ParameterView<S>>(
 }
 
 /// Drag of airframe and rotors, rolling moment, and what spinning rotors hold against turning.
-#[inline(always)]
 fn air_wrench<S: Scalar, P: ParameterView<S>>(
     t: &Topology,
     i: usize,
@@ -163,7 +158,6 @@ fn air_wrench<S: Scalar, P: ParameterView<S>>(
     rotor_air(t, link, rotors, (velocity, w), wrench);
 }
 
-#[inline(always)]
 fn rotor_air<S: Scalar>(
     t: &Topology,
     link: &Link,

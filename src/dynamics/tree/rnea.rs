@@ -36,7 +36,6 @@ pub fn inverse_dynamics<S: Scalar>(system: &Multibody, state: &[S], input: &[S],
     newton_euler(t, numbers, acceleration, scratch.bodies, force);
 }
 
-#[inline(always)]
 fn newton_euler<S: Scalar, P: ParameterView<S>>(
     t: &Topology,
     numbers: P,
@@ -70,12 +69,12 @@ fn newton_euler<S: Scalar, P: ParameterView<S>>(
 }
 
 /// Torque that speeds up a geared motor.
-#[inline(always)]
+#[inline]
 fn geared<S: Scalar, P: ParameterView<S>>(numbers: P, body: usize, acceleration: S) -> S {
     numbers.get(link_parameters(body) + at::ARMATURE) * acceleration
 }
 
-#[inline(always)]
+#[inline]
 fn write<S: Scalar>(to: &mut [S], at: usize, v: Vec3<S>) {
     for k in 0..3 {
         to[at + k] = v[k];
@@ -83,7 +82,6 @@ fn write<S: Scalar>(to: &mut [S], at: usize, v: Vec3<S>) {
 }
 
 /// Proper acceleration of a body from its parent's and its joint's.
-#[inline(always)]
 fn accelerated<S: Scalar>(t: &Topology, i: usize, gravity: S, acceleration: &[S], bodies: &mut [BodyScratch<S>]) {
     let (link, o) = (&t.links[i], S::zero());
     let (up, spin) = match link.parent {
@@ -111,7 +109,6 @@ fn accelerated<S: Scalar>(t: &Topology, i: usize, gravity: S, acceleration: &[S]
 }
 
 /// Rate of momentum of a body about its origin, less the outside loads.
-#[inline(always)]
 fn net_force<S: Scalar, P: ParameterView<S>>(t: &Topology, i: usize, numbers: P, body: &mut BodyScratch<S>) {
     let (link, n) = (&t.links[i], link_parameters(i));
     (body.bias_force, body.bias_moment) = (neg(body.force), neg(body.moment));

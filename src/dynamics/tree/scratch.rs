@@ -5,7 +5,6 @@
 use super::model::{MAX_BODIES, MAX_TREE_ROTORS};
 use super::topology::Topology;
 use crate::autodiff::Scalar;
-use crate::autodiff::unrolled::unrolled;
 use crate::dynamics::rigid::Symmetric;
 use crate::dynamics::rotor::{Lag, RotorModel};
 use crate::dynamics::spatial::{Mat3, Vec3, Wrench};
@@ -20,24 +19,23 @@ pub(crate) struct Articulated<S> {
 }
 
 impl<S: Scalar> Articulated<S> {
-    #[inline(always)]
+    #[inline]
     pub(crate) fn zero() -> Self {
         let o = S::zero();
         Self { a: [o; 6], b: [[o; 3]; 3], d: [o; 6] }
     }
 
     /// Another one, about the same point.
-    #[inline(always)]
     pub(crate) fn add(&mut self, more: &Self) {
-        unrolled!(k in 0..6 {
+        for k in 0..6 {
             self.a[k] += more.a[k];
             self.d[k] += more.d[k];
-        });
-        unrolled!(row in 0..3 {
-            unrolled!(column in 0..3 {
+        }
+        for row in 0..3 {
+            for column in 0..3 {
                 self.b[row][column] += more.b[row][column];
-            });
-        });
+            }
+        }
     }
 }
 
@@ -89,7 +87,6 @@ pub(crate) struct BodyScratch<S> {
 }
 
 impl<S: Scalar> BodyScratch<S> {
-    #[inline(always)]
     fn blank() -> Self {
         let o = S::zero();
         let v = [o; 3];
@@ -135,7 +132,7 @@ pub(crate) struct RotorScratch<S> {
 }
 
 impl<S: Scalar> RotorScratch<S> {
-    #[inline(always)]
+    #[inline]
     fn blank() -> Self {
         let o = S::zero();
         // all zeros, which is the cheapest to write: small models leave most slots unused
@@ -162,18 +159,18 @@ pub(crate) type Medium<S> = Storage<S, 26, 32, 160>;
 pub(crate) type Small<S> = Storage<S, 8, 16, 64>;
 
 impl<S: Scalar, const B: usize, const R: usize, const X: usize> Storage<S, B, R, X> {
-    #[inline(always)]
+    #[inline]
     pub(crate) fn new() -> Self {
         Self { bodies: [BodyScratch::blank(); B], rotors: [RotorScratch::blank(); R], vectors: [[S::zero(); X]; 5] }
     }
 
     /// Whether a model has room.
-    #[inline(always)]
+    #[inline]
     pub(crate) fn fits(t: &Topology) -> bool {
         t.n_body() <= B && t.n_rotor() <= R && t.n_state <= X && t.n_input <= X
     }
 
-    #[inline(always)]
+    #[inline]
     pub(crate) fn view(&mut self) -> Scratch<'_, S> {
         let [input, start, at, rate, end] = &mut self.vectors;
         Scratch { bodies: &mut self.bodies, rotors: &mut self.rotors, input, start, at, rate, end }

@@ -20,7 +20,6 @@ use super::topology::{Kind, Topology};
 use super::torque::{self, Drives, Pass};
 use super::wakes;
 use crate::autodiff::Scalar;
-use crate::autodiff::unrolled::unrolled;
 use crate::dynamics::integrate::{Grid, Integrator};
 use crate::dynamics::spatial::{derivative, unit};
 
@@ -40,7 +39,6 @@ const SETTLE: usize = 1;
 const FIRST: usize = 2;
 
 /// Does the task with `s.input` held.
-#[inline(always)]
 pub(crate) fn run<S: Scalar, P: ParameterView<S>>(t: &Topology, numbers: P, task: Task, s: &mut Scratch<'_, S>) {
     let (h, substeps, n_stage) = match task {
         Task::Step(Grid { integrator: Integrator::RungeKutta4, substep, substeps }) => (substep, substeps, 4),
@@ -119,7 +117,6 @@ pub(crate) fn run<S: Scalar, P: ParameterView<S>>(t: &Topology, numbers: P, task
     }
 }
 
-#[inline(always)]
 fn hold_torques<S: Scalar, P: ParameterView<S>>(
     t: &Topology,
     numbers: P,
@@ -141,7 +138,6 @@ fn hold_torques<S: Scalar, P: ParameterView<S>>(
 }
 
 /// Adds a stage's share and moves on to where the next one is evaluated.
-#[inline(always)]
 fn runge_kutta_stage<S: Scalar>(t: &Topology, stage: usize, h: f64, s: &mut Scratch<'_, S>) {
     let weight = [h / 6.0, h / 3.0, h / 3.0, h / 6.0];
     let ahead = [0.5 * h, 0.5 * h, h, 0.0];
@@ -157,18 +153,17 @@ fn runge_kutta_stage<S: Scalar>(t: &Topology, stage: usize, h: f64, s: &mut Scra
 }
 
 /// Velocities first, then positions with the new ones.
-#[inline(always)]
 fn velocities_then_positions<S: Scalar>(t: &Topology, h: f64, s: &mut Scratch<'_, S>) {
     let step = S::constant(h);
     for i in 0..t.n_body() {
         let (p, v) = (t.links[i].position, t.links[i].velocity);
         match t.links[i].kind {
             Kind::Floating => {
-                unrolled!(k in 0..3 {
+                for k in 0..3 {
                     s.end[p + 3 + k] = step.mul_add(s.rate[p + 3 + k], s.at[p + 3 + k]);
                     s.end[p + 10 + k] = step.mul_add(s.rate[p + 10 + k], s.at[p + 10 + k]);
                     s.end[p + k] = step.mul_add(s.end[p + 3 + k], s.at[p + k]);
-                });
+                }
                 turn(s, p + 6, p + 10, step);
             }
             Kind::Hinge(_) | Kind::Slide(_) => {
@@ -176,9 +171,9 @@ fn velocities_then_positions<S: Scalar>(t: &Topology, h: f64, s: &mut Scratch<'_
                 s.end[p] = step.mul_add(s.end[v], s.at[p]);
             }
             Kind::Ball => {
-                unrolled!(k in 0..3 {
+                for k in 0..3 {
                     s.end[v + k] = step.mul_add(s.rate[v + k], s.at[v + k]);
-                });
+                }
                 turn(s, p, v, step);
             }
         }
@@ -186,17 +181,16 @@ fn velocities_then_positions<S: Scalar>(t: &Topology, h: f64, s: &mut Scratch<'_
 }
 
 /// The quaternion at `q` turned by the new angular velocity at `w`.
-#[inline(always)]
+#[inline]
 fn turn<S: Scalar>(s: &mut Scratch<'_, S>, q: usize, w: usize, step: S) {
     let attitude = [s.at[q], s.at[q + 1], s.at[q + 2], s.at[q + 3]];
     let turning = derivative(attitude, [s.end[w], s.end[w + 1], s.end[w + 2]]);
-    unrolled!(k in 0..4 {
+    for k in 0..4 {
         s.end[q + k] = step.mul_add(turning[k], attitude[k]);
-    });
+    }
 }
 
 /// Unit quaternions, and the rotor speeds that their closed form has reached.
-#[inline(always)]
 fn finish<S: Scalar>(t: &Topology, s: &mut Scratch<'_, S>) {
     for i in 0..t.n_body() {
         let q = match t.links[i].kind {
@@ -205,16 +199,16 @@ fn finish<S: Scalar>(t: &Topology, s: &mut Scratch<'_, S>) {
             Kind::Hinge(_) | Kind::Slide(_) => continue,
         };
         let attitude = unit([s.end[q], s.end[q + 1], s.end[q + 2], s.end[q + 3]]);
-        unrolled!(k in 0..4 {
+        for k in 0..4 {
             s.end[q + k] = attitude[k];
-        });
+        }
     }
     for r in 0..t.n_rotor() {
         s.end[t.rotor_speed[r]] = s.rotors[r].speed;
     }
 }
 
-#[inline(always)]
+#[inline]
 fn rotor_rates<S: Scalar>(t: &Topology, s: &mut Scratch<'_, S>) {
     for r in 0..t.n_rotor() {
         let rotor = &s.rotors[r];

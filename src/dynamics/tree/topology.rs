@@ -156,7 +156,7 @@ pub(crate) struct Touch<W> {
 }
 
 impl Form {
-    #[inline(always)]
+    #[inline]
     pub(crate) fn points(&self) -> &[[f64; 3]] {
         match self {
             Self::Sphere(point) => std::slice::from_ref(point),
@@ -358,13 +358,13 @@ impl Topology {
     }
 
     /// Number of bodies.
-    #[inline(always)]
+    #[inline]
     pub(crate) fn n_body(&self) -> usize {
         self.links.len()
     }
 
     /// Number of rotors.
-    #[inline(always)]
+    #[inline]
     pub(crate) fn n_rotor(&self) -> usize {
         self.rotor_body.len()
     }

@@ -30,7 +30,6 @@ pub(crate) enum Drives {
 }
 
 /// (τ, s) of a hinge or slide.
-#[inline(always)]
 pub(crate) fn of_axis<S: Scalar, P: ParameterView<S>>(
     link: &Link,
     body: usize,
@@ -85,7 +84,7 @@ pub(crate) fn of_axis<S: Scalar, P: ParameterView<S>>(
 }
 
 /// τ = −d q̇ − k (q + h q̇ − rest) and s = h d + h² k.
-#[inline(always)]
+#[inline]
 fn spring<S: Scalar, P: ParameterView<S>>(numbers: P, n: usize, q: S, rate: S, step: f64) -> (S, S) {
     let [damping, stiffness, rest] = numbers.vector(n + at::SPRING);
     let h = S::constant(step);
@@ -95,7 +94,6 @@ fn spring<S: Scalar, P: ParameterView<S>>(numbers: P, n: usize, q: S, rate: S, s
 }
 
 /// k δ (1 + d δ̇)₊ at either end.
-#[inline(always)]
 fn limits<S: Scalar, P: ParameterView<S>>(numbers: P, n: usize, q: S, rate: S, h: S) -> (S, S) {
     let (o, l) = (S::zero(), S::one());
     let (lower, upper) = (numbers.get(n + at::LIMITS), numbers.get(n + at::LIMITS + 1));
@@ -111,7 +109,6 @@ fn limits<S: Scalar, P: ParameterView<S>>(numbers: P, n: usize, q: S, rate: S, h
 }
 
 /// τ = k (q_target − q − h q̇) + d (q̇_target − q̇) and s = h d + h² k.
-#[inline(always)]
 fn servo_torque<S: Scalar, P: ParameterView<S>>(
     servo: &Servo,
     numbers: P,
@@ -135,7 +132,7 @@ fn servo_torque<S: Scalar, P: ParameterView<S>>(
 }
 
 /// A drive's torque within its bound.
-#[inline(always)]
+#[inline]
 fn bounded<S: Scalar, P: ParameterView<S>>(numbers: P, n: usize, torque: S) -> S {
     let most = numbers.get(n + at::DRIVE + 2);
     torque.clamp(-most, most)
@@ -143,7 +140,6 @@ fn bounded<S: Scalar, P: ParameterView<S>>(numbers: P, n: usize, torque: S) -> S
 
 /// What drive, and stiff damping and spring, of a joint give through a substep, from the `acceleration` that an implicit
 /// pass without bounds found: a drive over its bound gives the bound, all else stays implicit.
-#[inline(always)]
 pub(crate) fn split<S: Scalar, P: ParameterView<S>>(
     link: &Link,
     body: usize,
@@ -170,7 +166,6 @@ pub(crate) fn split<S: Scalar, P: ParameterView<S>>(
 }
 
 /// The torque that a joint then holds, from the acceleration that the pass with [`split`] torques found.
-#[inline(always)]
 pub(crate) fn settle<S: Scalar, P: ParameterView<S>>(
     link: &Link,
     body: usize,
@@ -191,7 +186,6 @@ pub(crate) fn settle<S: Scalar, P: ParameterView<S>>(
 }
 
 /// Moment (world) and slope of a ball joint: −d ω_rel and the spring −k sin θ about the axis of rotation.
-#[inline(always)]
 pub(crate) fn of_ball<S: Scalar, P: ParameterView<S>>(
     link: &Link,
     body: usize,

@@ -9,7 +9,6 @@ use crate::dynamics::aero::downwash;
 use crate::dynamics::spatial::*;
 
 /// Finds the wakes of all drones on all others and on loads. Needs kinematics.
-#[inline(always)]
 pub(super) fn hold<S: Scalar>(t: &Topology, bodies: &mut [BodyScratch<S>], rotors: &[RotorScratch<S>]) {
     let pushes_drones = t.effects.downwash && t.sources.len() > 1;
     if !pushes_drones && t.loads.is_empty() {
@@ -35,7 +34,6 @@ pub(super) fn hold<S: Scalar>(t: &Topology, bodies: &mut [BodyScratch<S>], rotor
 }
 
 /// Adds what is held to the outside loads of bodies.
-#[inline(always)]
 pub(super) fn apply<S: Scalar>(t: &Topology, bodies: &mut [BodyScratch<S>]) {
     if t.effects.downwash && t.sources.len() > 1 {
         for s in 0..t.sources.len() {
@@ -53,13 +51,12 @@ pub(super) fn apply<S: Scalar>(t: &Topology, bodies: &mut [BodyScratch<S>]) {
 }
 
 /// Shape of the wakes, k_r and k_z.
-#[inline(always)]
+#[inline]
 fn cone<S: Scalar>() -> (S, S) {
     (S::constant(downwash::DEFAULT_RADIAL), S::constant(downwash::DEFAULT_AXIAL))
 }
 
 /// The wake of source `s`, with its place and thrust, on all other sources.
-#[inline(always)]
 fn push_drones<S: Scalar>(t: &Topology, s: usize, (from, thrust): (Vec3<S>, Vec3<S>), bodies: &mut [BodyScratch<S>]) {
     let (k_r, k_z) = cone();
     for other in 0..t.sources.len() {
@@ -73,7 +70,6 @@ fn push_drones<S: Scalar>(t: &Topology, s: usize, (from, thrust): (Vec3<S>, Vec3
 }
 
 /// −a T S(T̂)/A of a source at a place with thrust T and so much 1/A: S is the area of the load as the wake sees it, S/A at most 1.
-#[inline(always)]
 fn push_load<S: Scalar>(load: &Load, per_area: f64, (from, thrust): (Vec3<S>, Vec3<S>), bodies: &mut [BodyScratch<S>]) {
     let (k_r, k_z) = cone();
     let body = &mut bodies[load.body];
@@ -87,7 +83,6 @@ fn push_load<S: Scalar>(load: &Load, per_area: f64, (from, thrust): (Vec3<S>, Ve
 }
 
 /// Area of a load seen along a unit vector of its body's frame, m².
-#[inline(always)]
 fn facing<S: Scalar>(load: &Load, along: Vec3<S>) -> S {
     let mut area = S::constant(load.end);
     for k in 0..3 {
@@ -103,14 +98,13 @@ fn facing<S: Scalar>(load: &Load, along: Vec3<S>) -> S {
     area
 }
 
-#[inline(always)]
+#[inline]
 fn source_position<S: Scalar>(source: &Source, bodies: &[BodyScratch<S>]) -> Vec3<S> {
     let body = &bodies[source.body];
     add(body.position, mat_vec(body.rotation, constants(source.position)))
 }
 
 /// Σ k_f Ω² n of a drone's rotors, world.
-#[inline(always)]
 fn thrust_of<S: Scalar>(
     source: &Source,
     bodies: &[BodyScratch<S>],

@@ -2,6 +2,7 @@ use super::*;
 use crate::autodiff::lanes::{Set, with_set};
 use crate::dynamics::batch::Plant;
 use crate::dynamics::batch::kernel::ALIVE;
+use crate::dynamics::batch::plant::Rows;
 use crate::dynamics::{Effects, Integrator, Physics, configurations, vehicles};
 use crate::rng::{Purpose, Stream};
 
