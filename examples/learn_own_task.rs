@@ -11,8 +11,8 @@ struct Climb {
 }
 
 /// Height still to go, m.
-fn left<S: Scalar>(view: &View<'_, S>) -> S {
-    S::constant(2.0) - view.drone(0).position[2]
+fn left(view: &View) -> Trace {
+    2.0 - view.drone(0).position[2]
 }
 
 impl Task for Climb {
@@ -26,27 +26,27 @@ impl Task for Climb {
         let position = start.position([[0.0, 0.0], [0.0, 0.0], [0.5, 1.5]]);
         start.place(0, position, [1.0, 0.0, 0.0, 0.0]);
     }
-    fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut impl Writer<S>) {
+    fn observe(&self, view: &View, _: usize, out: &mut Writer) {
         let drone = view.drone(0);
         out.field("left", "m", "2 − z").number(left(view));
         out.field("velocity", "m/s, world", "v").array(drone.velocity);
         out.field("up", "-, world", "u").within(-1.0, 1.0).array(drone.up());
         out.field("angular_velocity", "rad/s, world", "ω").array(drone.angular_velocity);
     }
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
+    fn reward(&self, view: &View, terms: &mut Writer) {
         terms.term("near", "1/(1 + left²)", 1.0).number(rational_kernel(1.0, left(view).square()));
     }
-    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
-        ends.when("fast", "|v| > 5 m/s", S::constant(25.0).lt(safe::squared_norm(view.drone(0).velocity)));
+    fn ends(&self, view: &View, ends: &mut Ends) {
+        ends.when("fast", "|v| > 5 m/s", safe::squared_norm(view.drone(0).velocity).gt(25.0));
     }
-    fn success<S: Scalar>(&self, view: &View<'_, S>) -> S::Mask {
-        left(view).abs().lt(S::constant(0.1))
+    fn success(&self, view: &View) -> TraceMask {
+        left(view).abs().lt(0.1)
     }
-    fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
+    fn loss(&self, view: &View, loss: &mut Loss) {
         let drone = view.drone(0);
         let restless = safe::squared_norm(drone.velocity) + safe::squared_norm(drone.angular_velocity);
         loss.add("√(left² + 0.1²)", smooth_norm([left(view)], 0.1));
-        loss.add("0.02 (‖v‖² + ‖ω‖²)", S::constant(0.02) * restless);
+        loss.add("0.02 (‖v‖² + ‖ω‖²)", 0.02 * restless);
     }
     fn ideal(&self, start: &mut Start<'_>) {
         start.place(0, [0.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0]);

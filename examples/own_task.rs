@@ -26,8 +26,7 @@ struct Beacon {
 }
 
 /// From the drone to the beacon, m, world.
-#[inline(always)]
-fn way<S: Scalar>(view: &View<'_, S>) -> [S; 3] {
+fn way(view: &View) -> [Trace; 3] {
     sub(view.goal.array(0), view.drone(0).position)
 }
 
@@ -46,23 +45,23 @@ impl Task for Beacon {
         let attitude = start.attitude(0.3, ANY_YAW);
         start.place(0, [0.0, 0.0, 2.0], attitude);
     }
-    #[inline(always)] fn observe<S: Scalar>(&self, view: &View<'_, S>, _agent: usize, out: &mut impl Writer<S>) {
+    fn observe(&self, view: &View, _agent: usize, out: &mut Writer) {
         out.field("way", "m, world", "to the beacon").array(way(view));
         view.observe_drone(0, out);
     }
-    #[inline(always)] fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
+    fn reward(&self, view: &View, terms: &mut Writer) {
         let weight = self.settings.reward_near;
-        let near = S::constant(weight) * rational_kernel(1.0, safe::squared_norm(way(view)));
+        let near = weight * rational_kernel(1.0, safe::squared_norm(way(view)));
         terms.term("near", "{×reward_near}1/(1 + d²)", weight).number(near);
     }
-    #[inline(always)] fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
-        ends.when("crash", "z < 0.2 m", view.drone(0).position[2].lt(S::constant(0.2)));
+    fn ends(&self, view: &View, ends: &mut Ends) {
+        ends.when("crash", "z < 0.2 m", view.drone(0).position[2].lt(0.2));
     }
-    #[inline(always)] fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+    fn metrics(&self, view: &View, out: &mut Writer) {
         out.metric("distance", "m", safe::norm(way(view)));
     }
-    #[inline(always)] fn success<S: Scalar>(&self, view: &View<'_, S>) -> S::Mask {
-        safe::squared_norm(way(view)).lt(S::constant(0.01))
+    fn success(&self, view: &View) -> TraceMask {
+        safe::squared_norm(way(view)).lt(0.01)
     }
     fn success_rule(&self) -> Success { Success::below("distance", 0.1) }
     fn ideal(&self, start: &mut Start<'_>) {

@@ -25,9 +25,8 @@ struct Climb {
     robot: Robot,
 }
 
-#[inline(always)]
-fn left<S: Scalar>(view: &View<'_, S>) -> S {
-    S::constant(2.0) - view.drone(0).position[2]
+fn left(view: &View) -> Trace {
+    2.0 - view.drone(0).position[2]
 }
 
 #[rustfmt::skip]
@@ -38,24 +37,24 @@ impl Task for Climb {
         let position = start.position([[0.0, 0.0], [0.0, 0.0], [0.5, 1.5]]);
         start.place(0, position, [1.0, 0.0, 0.0, 0.0]);
     }
-    #[inline(always)] fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut impl Writer<S>) {
+    fn observe(&self, view: &View, _: usize, out: &mut Writer) {
         out.field("left", "m", "2 − z").number(left(view));
         out.field("velocity", "m/s, world", "v").array(view.drone(0).velocity);
         out.field("up", "-, world", "u").within(-1.0, 1.0).array(view.drone(0).up());
         out.field("angular_velocity", "rad/s, world", "ω").array(view.drone(0).angular_velocity);
     }
-    #[inline(always)] fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
+    fn reward(&self, view: &View, terms: &mut Writer) {
         let [x, y, _] = view.drone(0).velocity;
         let square = left(view).square() + x.square() + y.square();
         terms.term("near", "1/(1 + left² + v_x² + v_y²)", 1.0).number(rational_kernel(1.0, square));
     }
-    #[inline(always)] fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
-        ends.when("fast", "|v| > 5 m/s", S::constant(25.0).lt(safe::squared_norm(view.drone(0).velocity)));
+    fn ends(&self, view: &View, ends: &mut Ends) {
+        ends.when("fast", "|v| > 5 m/s", safe::squared_norm(view.drone(0).velocity).gt(25.0));
     }
-    #[inline(always)] fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+    fn metrics(&self, view: &View, out: &mut Writer) {
         out.metric("height_error", "m", left(view).abs());
     }
-    #[inline(always)] fn success<S: Scalar>(&self, view: &View<'_, S>) -> S::Mask { left(view).abs().lt(S::constant(0.1)) }
+    fn success(&self, view: &View) -> TraceMask { left(view).abs().lt(0.1) }
     fn ideal(&self, start: &mut Start<'_>) { start.place(0, [0.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0]); }
 }
 

@@ -1,66 +1,15 @@
-//! A task behind a pointer. What is asked once per environment or recording is compiled once here, and not per task: a
-//! task's formulas are there over [`Trace`] alone, which declarations, ideal states and recordings share.
+//! What a task says about itself: it writes everything once, in its ideal state.
 
-use super::declare::{Declaration, DeclaredLoss, Goal, Sum};
+use super::declare::{Ends, Goal, Loss, Writer};
 use super::robot::Robot;
 use super::settings::{Setting, filled};
-use super::task::{Start, Task, TaskReference, View, streams};
-use super::task_spec::{End, Field, Metric, Success, TaskSpec, Term, total};
+use super::task::{Start, Task, View, streams};
+use super::task_spec::{Field, Metric, TaskSpec, Term, total};
 use crate::autodiff::trace::on_constants;
-use crate::autodiff::{Scalar, StridedView, Trace};
+use crate::autodiff::{Scalar, Trace};
 use crate::dynamics::Plant;
 use crate::dynamics::frame::FRAME;
-use crate::dynamics::scene::Scene;
 use crate::error::{Error, Result};
-
-/// The trait and who has it, of one list of methods.
-macro_rules! any_task {
-    ($(fn $name:ident(&$own:ident $(, $argument:ident: $kind:ty)*) $(-> $out:ty)?;)*) => {
-        /// [`Task`] without types of its own; see there.
-        pub(crate) trait AnyTask: Send + Sync {
-            $(fn $name(&$own $(, $argument: $kind)*) $(-> $out)?;)*
-            fn ends(&self, view: &View<'_, Trace>) -> Vec<End>;
-            fn loss(&self, view: &View<'_, Trace>) -> DeclaredLoss<Trace>;
-        }
-
-        impl<T: Task> AnyTask for T {
-            $(fn $name(&$own $(, $argument: $kind)*) $(-> $out)? {
-                Task::$name($own $(, $argument)*)
-            })*
-            fn ends(&self, view: &View<'_, Trace>) -> Vec<End> {
-                let mut ends = Vec::new();
-                Task::ends(self, view, &mut ends);
-                ends
-            }
-            fn loss(&self, view: &View<'_, Trace>) -> DeclaredLoss<Trace> {
-                let mut loss = DeclaredLoss { formulas: Vec::new(), sum: Sum::new() };
-                Task::loss(self, view, &mut loss);
-                loss
-            }
-        }
-    };
-}
-
-any_task! {
-    fn robot(&self) -> &Robot;
-    fn horizon(&self) -> usize;
-    fn n_agent(&self) -> usize;
-    fn settings(&self) -> Vec<Setting>;
-    fn about(&self) -> &'static str;
-    fn success_rule(&self) -> Success;
-    fn scene(&self) -> Scene;
-    fn place_scene(&self, goal: &[f64], placement: &mut [f64]);
-    fn start(&self, start: &mut Start<'_>);
-    fn event(&self, start: &mut Start<'_>);
-    fn ideal(&self, start: &mut Start<'_>);
-    fn reference(&self, view: &View<'_, f64>) -> Option<TaskReference>;
-    fn disturb(&self, view: &View<'_, Trace>, tree: usize) -> [Trace; 9];
-    fn remember(&self, view: &View<'_, Trace>, out: &mut Declaration<Trace>);
-    fn observe(&self, view: &View<'_, Trace>, agent: usize, out: &mut Declaration<Trace>);
-    fn central(&self, view: &View<'_, Trace>, out: &mut Declaration<Trace>);
-    fn reward(&self, view: &View<'_, Trace>, out: &mut Declaration<Trace>);
-    fn metrics(&self, view: &View<'_, Trace>, out: &mut Declaration<Trace>);
-}
 
 /// The numbers of a view of one environment.
 pub(crate) struct Snapshot<S> {
@@ -111,11 +60,11 @@ impl<S: Scalar> Snapshot<S> {
     pub(crate) fn view<'a>(&'a self, robot: &'a Robot) -> View<'a, S> {
         View {
             robot,
-            state: StridedView::of(&self.state),
-            frames: StridedView::of(&self.frames),
-            speeds_before: StridedView::of(&self.speeds),
-            goal: StridedView::of(&self.goal),
-            task_state: StridedView::of(&self.task_state),
+            state: &self.state[..],
+            frames: &self.frames[..],
+            speeds_before: &self.speeds[..],
+            goal: &self.goal[..],
+            task_state: &self.task_state[..],
             step: S::zero(),
             clock: S::zero(),
         }
@@ -160,7 +109,7 @@ fn begun(robot: &Robot, begin: impl FnOnce(&mut Start<'_>)) -> Begun {
 /// [`Error::Value`] for numbers without a name or under a name twice, for a summand or figure of more than one number, for
 /// goals that starts and the ideal write differently, for a success by a figure that is none; [`Error::Limit`] above
 /// [`MAX_TASK_STATE`].
-pub(crate) fn declare(task: &dyn AnyTask) -> Result<TaskSpec> {
+pub(crate) fn declare(task: &dyn Task) -> Result<TaskSpec> {
     let robot = task.robot();
     let (started, ideal) = (begun(robot, |start| task.start(start)), begun(robot, |start| task.ideal(start)));
     if started.fields != ideal.fields {
@@ -170,27 +119,32 @@ pub(crate) fn declare(task: &dyn AnyTask) -> Result<TaskSpec> {
         return Err(Error::value("goal of a start", own, format!("that of the ideal: {other}"), "Write both alike."));
     }
     let Begun { state, numbers, goal, fields } = ideal;
-    let seen = Snapshot::of(robot, robot.plant(), &numbers, &state, &goal, vec![0.0; MAX_TASK_STATE]);
-    seen.ask(robot, |view| declared(task, view, fields))
+    let with = |n: usize| Snapshot::of(robot, robot.plant(), &numbers, &state, &goal, vec![0.0; n]);
+    let n_kept = |n| with(n).ask(robot, |view| Writer::written(|out| task.remember(view, out)).numbers().len());
+    let n = n_kept(MAX_TASK_STATE);
+    if n > MAX_TASK_STATE {
+        return Err(Error::limit("numbers of the task state", n, MAX_TASK_STATE, "Keep fewer."));
+    }
+    if n_kept(n) != n {
+        let limit = format!("{n}, whatever the view shows of them");
+        return Err(Error::value("numbers of the task state", n_kept(n), limit, "Keep equally many in every step."));
+    }
+    with(n).ask(robot, |view| declared(task, view, fields))
 }
 
-fn declared(task: &dyn AnyTask, view: &View<'_, Trace>, goal: Vec<Field>) -> Result<TaskSpec> {
+fn declared(task: &dyn Task, view: &View<'_, Trace>, goal: Vec<Field>) -> Result<TaskSpec> {
     let settings = task.settings();
-    let list = |what: &str, write: &dyn Fn(&mut Declaration<Trace>)| {
-        let mut writer = Declaration::default();
-        write(&mut writer);
-        named(what, writer.fields, &settings)
-    };
+    let list = |what: &str, write: &dyn Fn(&mut Writer)| named(what, Writer::written(write).fields(), &settings);
     let kept = list("task state", &|out| task.remember(view, out))?;
-    if total(&kept) > MAX_TASK_STATE {
-        return Err(Error::limit("numbers of the task state", total(&kept), MAX_TASK_STATE, "Keep fewer."));
-    }
     let metrics = single("figure", list("figure", &|out| task.metrics(view, out))?)?;
     let metrics: Vec<Metric> = metrics.into_iter().map(|f| Metric { name: f.name, unit: f.unit }).collect();
     let term =
         |f: Field| Term { name: f.name, formula: f.meaning, low: f.low, bound: f.high, smoothness: f.smoothness };
     let reward = single("summand of the reward", list("summand of the reward", &|out| task.reward(view, out))?)?;
-    let (mut ends, DeclaredLoss { formulas: mut loss, .. }) = (task.ends(view), task.loss(view));
+    let (mut ends, mut loss) = (Ends::default(), Loss::default());
+    task.ends(view, &mut ends);
+    task.loss(view, &mut loss);
+    let (mut ends, mut loss) = (ends.ends, loss.formulas);
     ends.iter_mut().for_each(|end| end.condition = filled(&end.condition, &settings));
     loss.iter_mut().for_each(|formula| *formula = filled(formula, &settings));
     let mut success = task.success_rule();

@@ -4,12 +4,8 @@
 //! overflow, 1e13 of loss, is as good as a poison. Healthy flights stay far within: our controllers reach 6 m/s, 12 rad/s and
 //! 38 rad/s at joints, random ones 17 m/s, 150 and 180 rad/s.
 
-use crate::autodiff::Mask;
-use crate::autodiff::lanes::{Lanes, RegisterKernel};
-use crate::autodiff::program::BLOCK;
 use crate::defaults::with_defaults;
 use crate::dynamics::Plant;
-use crate::dynamics::batch::STOPPED;
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
@@ -72,26 +68,5 @@ impl Bounds {
             _ => None,
         };
         plant.state_quantities().iter().map(|q| q.unit).enumerate().filter_map(of).collect()
-    }
-}
-
-/// Stops the environments of a block where a number leaves its bound.
-pub(crate) struct Contain<'a> {
-    pub limits: &'a [(usize, f32)],
-    pub alive: usize,
-    pub rows: &'a mut [[f32; BLOCK]],
-}
-
-impl RegisterKernel for Contain<'_> {
-    #[inline(always)]
-    fn run<L: Lanes>(&mut self, at: usize) {
-        let mut within = L::zero().lt(L::one());
-        for i in 0..self.limits.len() {
-            let (row, limit) = self.limits[i];
-            within = within.and(L::load(&self.rows[row][at..]).abs().lt(L::constant(f64::from(limit))));
-        }
-        let alive = L::load(&self.rows[self.alive][at..]);
-        let stopped = alive.min(L::constant(f64::from(STOPPED)));
-        L::select(within, alive, stopped).store(&mut self.rows[self.alive][at..]);
     }
 }

@@ -5,9 +5,9 @@
 //! | [`registry`] | the built-in tasks by name, one line each |
 //! | [`suite`] | the tasks of the benchmark, one file each |
 //! | `task` | [`Task`]: what a task is; what it is shown ([`View`]) and where episodes begin ([`Start`]) |
-//! | [`declare`] | [`Writer`]: numbers with their names beside them, which kernels leave out |
+//! | [`declare`] | [`Writer`]: numbers with their names beside them |
 //! | [`task_spec`] | [`TaskSpec`]: names, sizes, units and bounds of what a task writes |
-//! | `any_task` | a task behind a pointer; lets it declare itself |
+//! | `any_task` | lets a task declare itself |
 //! | [`settings`](mod@settings) | `settings!`: what `[task]` sets, each number stated once |
 //! | [`robot`] | [`Robot`]: what flies, its drones and where their numbers stand |
 //! | [`reward`], `track_path` | shapes that rewards are made of; the lemniscate of the Track tasks |
@@ -50,7 +50,7 @@
 //! in the same breath; that is all of its documentation, its layout and its infos:
 //!
 //! ```
-//! use omnidrones::autodiff::Scalar;
+//! use omnidrones::autodiff::{Scalar, Trace, TraceMask};
 //! use omnidrones::error::Result;
 //! use omnidrones::settings;
 //! use omnidrones::tasks::reward::rational_kernel;
@@ -71,9 +71,8 @@
 //! }
 //!
 //! /// Height to go, m.
-//! #[inline(always)]
-//! fn left<S: Scalar>(view: &View<'_, S>) -> S {
-//!     view.goal.get(0) - view.drone(0).position[2]
+//! fn left(view: &View) -> Trace {
+//!     view.goal[0] - view.drone(0).position[2]
 //! }
 //!
 //! impl Climb {
@@ -97,26 +96,21 @@
 //!         let height = start.task.uniform(self.settings.height[0], self.settings.height[1]);
 //!         self.begin(start, height);
 //!     }
-//!     #[inline(always)]
-//!     fn observe<S: Scalar>(&self, view: &View<'_, S>, _agent: usize, out: &mut impl Writer<S>) {
+//!     fn observe(&self, view: &View, _agent: usize, out: &mut Writer) {
 //!         out.field("left", "m, world", "h").number(left(view));
 //!         out.field("velocity", "m/s, world", "v").array(view.drone(0).velocity);
 //!     }
-//!     #[inline(always)]
-//!     fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
+//!     fn reward(&self, view: &View, terms: &mut Writer) {
 //!         terms.term("near", "1/(1 + h²)", 1.0).number(rational_kernel(1.0, left(view).square()));
 //!     }
-//!     #[inline(always)]
-//!     fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
-//!         ends.when("crash", "z < 0.2 m", view.drone(0).position[2].lt(S::constant(0.2)));
+//!     fn ends(&self, view: &View, ends: &mut Ends) {
+//!         ends.when("crash", "z < 0.2 m", view.drone(0).position[2].lt(0.2));
 //!     }
-//!     #[inline(always)]
-//!     fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+//!     fn metrics(&self, view: &View, out: &mut Writer) {
 //!         out.metric("height_error", "m", left(view).abs());
 //!     }
-//!     #[inline(always)]
-//!     fn success<S: Scalar>(&self, view: &View<'_, S>) -> S::Mask {
-//!         left(view).abs().lt(S::constant(0.1))
+//!     fn success(&self, view: &View) -> TraceMask {
+//!         left(view).abs().lt(0.1)
 //!     }
 //!     fn ideal(&self, start: &mut Start<'_>) {
 //!         self.begin(start, 2.0);
@@ -164,8 +158,8 @@ pub use declare::{Ends, Goal, Loss, Writer};
 pub use env::check::{Finding, check_env};
 pub use env::single::{SingleEnv, SingleStep};
 pub use env::{
-    Adjoint, AgentWidths, Buffers, Column, Cotangents, Env, Info, Jacobian, Pending, Seeds, Space, Spec, StepLayout,
-    StepOut, Sweep, SweepOptions, Tape,
+    Adjoint, AgentWidths, Buffers, Column, Cotangents, Env, Info, Jacobian, Pending, PhaseByPhase, Seeds, Space, Spec,
+    StepLayout, StepOut, Sweep, SweepOptions, Tape,
 };
 pub use evaluate::{Act, EpisodeRows, Evaluation, Watched, evaluate, wilson};
 pub use groups::{Dtype, Group, GroupKind};

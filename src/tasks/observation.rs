@@ -1,10 +1,10 @@
 //! Transforms of observations: history, noise, normalisation, privileged numbers; in one pass, in the order given.
 //!
-//! Each stage maps one agent's numbers to one agent's numbers and says what they are called. The same lines run in lanes
-//! and on a recording, so gradients go through them; noise is a constant to a gradient.
+//! Each stage maps one agent's numbers to one agent's numbers and says what they are called. They are recorded, so gradients go
+//! through them; noise is a constant to a gradient.
 
 use super::task_spec::{Field, total};
-use crate::autodiff::{Scalar, StridedView, StridedViewMut};
+use crate::autodiff::{Scalar, Trace, TraceMask};
 use crate::dynamics::domain::Domain;
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
@@ -176,38 +176,22 @@ enum Step {
     Privileged { n: usize, scale: Vec<f64> },
 }
 
-/// What stages need beside the observation.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Moment<'a, S: Scalar> {
-    /// Whether an environment moved on: history is kept otherwise.
-    pub moved: S::Mask,
-    /// Whether an episode begins.
-    pub fresh: S::Mask,
-    /// Standard normal draws of this agent.
-    pub noise: StridedView<'a, S>,
-    /// Physical numbers that vary.
-    pub theta: StridedView<'a, S>,
+/// One agent's arrays, as stages work on them.
+#[derive(Debug)]
+pub(crate) struct AgentArrays<'a> {
+    /// The observation, transformed in place.
+    pub observation: &'a mut [Trace],
+    /// What histories remember.
+    pub memory: &'a mut [Trace],
+    /// What a normaliser sees; of nothing, where nobody asks.
+    pub seen: &'a mut [Trace],
+    /// Standard normal draws.
+    pub noise: &'a [Trace],
+    /// Of all agents: whether the environment moved on (history is kept otherwise), whether an episode begins, the physical numbers
+    /// that vary.
+    pub common: &'a [Trace],
     /// Means, then 1/standard deviations of the normaliser.
-    pub statistics: Frozen<'a, S>,
-}
-
-/// Statistics as a normaliser reads them.
-#[derive(Debug, Clone, Copy)]
-pub(crate) enum Frozen<'a, S> {
-    /// The same for all environments.
-    Constants(&'a [f64]),
-    /// Arguments of a recording, so that it outlives them.
-    Arguments(StridedView<'a, S>),
-}
-
-impl<S: Scalar> Frozen<'_, S> {
-    #[inline(always)]
-    fn get(&self, k: usize) -> S {
-        match self {
-            Self::Constants(numbers) => S::constant(numbers[k]),
-            Self::Arguments(rows) => rows.get(k),
-        }
-    }
+    pub statistics: &'a [Trace],
 }
 
 impl Pipeline {
@@ -282,45 +266,32 @@ impl Pipeline {
         self.steps.is_empty()
     }
 
-    /// Transforms one agent's observation, which begins at `begin` of `a`, in place. Its memory begins at `first`. What a
-    /// normaliser sees goes to `seen`.
-    #[inline(always)]
-    pub(crate) fn run<S: Scalar>(
-        &self,
-        moment: &Moment<'_, S>,
-        memory: &mut StridedViewMut<'_, S>,
-        first: usize,
-        a: &mut StridedViewMut<'_, S>,
-        begin: usize,
-        mut seen: Option<(&mut StridedViewMut<'_, S>, usize)>,
-    ) {
-        for i in 0..self.steps.len() {
-            match &self.steps[i] {
+    /// Transforms one agent's observation.
+    pub(crate) fn run(&self, arrays: AgentArrays<'_>) {
+        let AgentArrays { observation: a, memory, seen, noise, common, statistics } = arrays;
+        let (moved, fresh, theta) = (common[0].gt(0.5), common[1].gt(0.5), &common[2..]);
+        for step in &self.steps {
+            match step {
                 Step::History { steps, n, memory: at } => {
-                    remember(moment, memory, first + at, a, begin, *steps, *n);
+                    let memory = &mut memory[*at..][..steps * n];
+                    remember(moved, fresh, memory, &a[..*n]);
+                    a[..steps * n].copy_from_slice(memory);
                 }
-                Step::Noise { std, first: from } => {
-                    for k in 0..std.len() {
-                        let noise = S::constant(std[k]) * moment.noise.get(from + k);
-                        a.set(begin + k, a.get(begin + k) + noise);
+                Step::Noise { std, first } => {
+                    for (k, std) in std.iter().enumerate() {
+                        a[k] += *std * noise[first + k];
                     }
                 }
                 Step::Normalise { n, clip } => {
-                    let most = S::constant(*clip);
-                    if let Some((rows, from)) = &mut seen {
-                        for k in 0..*n {
-                            rows.set(*from + k, a.get(begin + k));
-                        }
-                    }
-                    for k in 0..*n {
-                        let (mean, inverse) = (moment.statistics.get(k), moment.statistics.get(n + k));
-                        let scaled = (a.get(begin + k) - mean) * inverse;
-                        a.set(begin + k, scaled.clamp(-most, most));
+                    seen.iter_mut().zip(&*a).for_each(|(seen, x)| *seen = *x);
+                    let most = Trace::constant(*clip);
+                    for (k, x) in a[..*n].iter_mut().enumerate() {
+                        *x = ((*x - statistics[k]) * statistics[n + k]).clamp(-most, most);
                     }
                 }
                 Step::Privileged { n, scale } => {
-                    for k in 0..scale.len() {
-                        a.set(begin + n + k, moment.theta.get(k) * S::constant(scale[k]));
+                    for (k, scale) in scale.iter().enumerate() {
+                        a[n + k] = theta[k] * *scale;
                     }
                 }
             }
@@ -328,30 +299,11 @@ impl Pipeline {
     }
 }
 
-/// Shifts the memory by one observation where an environment moved on, and copies it out.
-#[inline(always)]
-fn remember<S: Scalar>(
-    moment: &Moment<'_, S>,
-    memory: &mut StridedViewMut<'_, S>,
-    first: usize,
-    a: &mut StridedViewMut<'_, S>,
-    begin: usize,
-    steps: usize,
-    n: usize,
-) {
-    for age in 0..steps {
-        let slot = steps - 1 - age;
-        for k in 0..n {
-            let old = memory.get(first + slot * n + k);
-            let new = if slot == 0 {
-                a.get(begin + k)
-            } else {
-                S::select(moment.fresh, S::zero(), memory.get(first + (slot - 1) * n + k))
-            };
-            memory.set(first + slot * n + k, S::select(moment.moved, new, old));
-        }
-    }
-    for k in 0..steps * n {
-        a.set(begin + k, memory.get(first + k));
+/// Shifts the memory by one observation where an environment moved on.
+fn remember(moved: TraceMask, fresh: TraceMask, memory: &mut [Trace], now: &[Trace]) {
+    let n = now.len();
+    for k in (0..memory.len()).rev() {
+        let new = if k < n { now[k] } else { Trace::select(fresh, Trace::zero(), memory[k - n]) };
+        memory[k] = Trace::select(moved, new, memory[k]);
     }
 }

@@ -6,7 +6,7 @@
 //! kind of state is that of paying for ever, and the advantage of a step of one episode may not contain rewards of the next
 //! (the trace of GAE runs on where only terminations cut it).
 
-use crate::autodiff::Scalar;
+use crate::autodiff::{Scalar, Trace, TraceMask};
 use crate::dynamics::Effects;
 use crate::error::Result;
 use crate::tasks::config::EnvConfig;
@@ -63,22 +63,18 @@ impl Task for Probe {
         start.goal.field("kind", "-", "0 or 1").number(kind);
     }
 
-    #[inline(always)]
-    fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut impl Writer<S>) {
-        out.field("kind", "-", "0 or 1").within(0.0, 1.0).number(view.goal.get(0));
+    fn observe(&self, view: &View, _: usize, out: &mut Writer) {
+        out.field("kind", "-", "0 or 1").within(0.0, 1.0).number(view.goal[0]);
     }
 
-    #[inline(always)]
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
-        terms.term("pay", "kind", 1.0).number(view.goal.get(0));
+    fn reward(&self, view: &View, terms: &mut Writer) {
+        terms.term("pay", "kind", 1.0).number(view.goal[0]);
     }
 
-    #[inline(always)]
-    fn ends<S: Scalar>(&self, _: &View<'_, S>, _: &mut impl Ends<S>) {}
+    fn ends(&self, _: &View, _: &mut Ends) {}
 
-    #[inline(always)]
-    fn success<S: Scalar>(&self, _: &View<'_, S>) -> S::Mask {
-        S::one().lt(S::zero())
+    fn success(&self, _: &View) -> TraceMask {
+        Trace::one().lt(Trace::zero())
     }
 
     fn ideal(&self, start: &mut Start<'_>) {

@@ -1,9 +1,9 @@
-//! What a task is: goals, observations, rewards and ends, written once over any scalar.
+//! What a task is: goals, observations, rewards and ends, written once over recorded numbers.
 //!
 //! A task does not step physics. The environment does, then shows it a [`View`] of the new state; the task answers with
-//! numbers. Everything but the start of an episode is generic over [`Scalar`] and free of branches on values, so the same
-//! lines run in lanes (sixty-four environments at once), in `f64`, on duals and on a recording whose adjoint gives
-//! gradients through whole episodes.
+//! numbers. These are recorded numbers ([`Trace`]): a task is asked when a recording is made, not when environments step, and
+//! what it computed then is what all environments run, and what gradients through whole episodes are taken of. So it must answer
+//! alike whenever it is asked, and nothing branches on a value; [`Scalar::select`] picks between two. Settings may be branched on.
 //!
 //! To add one: a file with a struct that implements [`Task`], and a line in the [registry](super::registry).
 
@@ -12,7 +12,7 @@ use super::declare::{Ends, Goal, Loss, Writer};
 use super::robot::{DronePlace, Robot};
 use super::settings::Setting;
 use super::task_spec::Success;
-use crate::autodiff::{Scalar, StridedView, safe};
+use crate::autodiff::{Scalar, Trace, TraceMask, safe};
 use crate::controllers::reference::{Hover, Reference, Tilt, Waypoint, Waypoints};
 use crate::dynamics::frame::{FRAME, Frame};
 use crate::dynamics::scene::Scene;
@@ -24,9 +24,36 @@ use std::f64::consts::{PI, TAU};
 /// A task: what flies, where an episode starts, what is seen, rewarded and forbidden.
 ///
 /// Whatever is written is named as it is written ([`Writer`]): that is the whole of a task's [`TaskSpec`](super::TaskSpec).
-/// Methods over a scalar are called in lanes: mark them `#[inline(always)]` and use index loops, no closures or iterators
-/// (they cost a factor of seven, silently).
-pub trait Task: Send + Sync + 'static {
+///
+/// A branch on a recorded number does not compile:
+///
+/// ```compile_fail,E0369
+/// use omnidrones::tasks::View;
+///
+/// fn is_low(view: &View) -> bool {
+///     view.drone(0).position[2] < view.drone(1).position[2]
+/// }
+/// ```
+///
+/// ```compile_fail,E0369
+/// use omnidrones::tasks::View;
+///
+/// fn is_first(view: &View) -> bool {
+///     view.step == view.clock
+/// }
+/// ```
+///
+/// A comparison by `lt` gives a truth for each environment, which `Scalar::select` picks by:
+///
+/// ```
+/// use omnidrones::prelude::*;
+///
+/// fn depth(view: &View) -> Trace {
+///     let height = view.drone(0).position[2];
+///     Trace::select(height.lt(1.0), 1.0 - height, Trace::zero())
+/// }
+/// ```
+pub trait Task: Send + Sync {
     /// What flies.
     fn robot(&self) -> &Robot;
 
@@ -67,35 +94,31 @@ pub trait Task: Send + Sync + 'static {
 
     /// Wind, force and moment on tree `tree` in the coming step, as [`Disturbance`](crate::dynamics::Disturbance);
     /// asked only where the robot's physics have that effect.
-    #[inline(always)]
-    fn disturb<S: Scalar>(&self, _view: &View<'_, S>, _tree: usize) -> [S; 9] {
-        [S::zero(); 9]
+    fn disturb(&self, _view: &View, _tree: usize) -> [Trace; 9] {
+        [Trace::zero(); 9]
     }
 
     /// What the task keeps, after a step, from a view with what it kept before; zeros where an episode begins.
-    #[inline(always)]
-    fn remember<S: Scalar>(&self, _view: &View<'_, S>, _task_state: &mut impl Writer<S>) {}
+    fn remember(&self, _view: &View, _task_state: &mut Writer) {}
 
     /// One agent's observation. Agents may see unlike things: rows are as wide as the widest one's, and who writes fewer
     /// numbers sees 0 behind them. Fields are named after the first of those that see most, so what all see comes first.
-    fn observe<S: Scalar>(&self, view: &View<'_, S>, agent: usize, out: &mut impl Writer<S>);
+    fn observe(&self, view: &View, agent: usize, out: &mut Writer);
 
     /// The central state, for critics that see everything.
-    #[inline(always)]
-    fn central<S: Scalar>(&self, _view: &View<'_, S>, _out: &mut impl Writer<S>) {}
+    fn central(&self, _view: &View, _out: &mut Writer) {}
 
     /// The summands of the reward, [one](Writer::term) after the other. All agents share the sum.
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>);
+    fn reward(&self, view: &View, terms: &mut Writer);
 
     /// Which reasons to terminate hold.
-    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>);
+    fn ends(&self, view: &View, ends: &mut Ends);
 
     /// [Figures](Writer::metric) that are told in every step; the first is the error, as a rule.
-    #[inline(always)]
-    fn metrics<S: Scalar>(&self, _view: &View<'_, S>, _out: &mut impl Writer<S>) {}
+    fn metrics(&self, _view: &View, _out: &mut Writer) {}
 
     /// Whether the goal counts as reached in this step.
-    fn success<S: Scalar>(&self, view: &View<'_, S>) -> S::Mask;
+    fn success(&self, view: &View) -> TraceMask;
 
     /// What [`success`](Self::success) asks, as data.
     fn success_rule(&self) -> Success {
@@ -104,14 +127,9 @@ pub trait Task: Send + Sync + 'static {
 
     /// A cost per step that gradient methods minimise: smooth, and steep from afar too. The negative reward unless said
     /// otherwise.
-    #[inline(always)]
-    fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
-        let mut terms = [S::zero(); MAX_TERMS];
-        self.reward(view, &mut crate::autodiff::StridedViewMut::of(&mut terms).writer(0));
-        let mut sum = S::zero();
-        for i in 0..MAX_TERMS {
-            sum -= terms[i];
-        }
+    fn loss(&self, view: &View, loss: &mut Loss) {
+        let terms = Writer::written(|terms| self.reward(view, terms)).numbers();
+        let sum = terms.into_iter().fold(Trace::zero(), |sum, term| sum - term);
         loss.add("−reward", sum);
     }
 
@@ -125,7 +143,7 @@ pub trait Task: Send + Sync + 'static {
 }
 
 /// A task that is made from a configuration alone: what a name can stand for.
-pub trait BuiltIn: Task + Sized {
+pub trait BuiltIn: Task + Sized + 'static {
     /// With the vehicle and settings of a configuration.
     ///
     /// # Errors
@@ -177,26 +195,21 @@ impl TaskReference {
     }
 }
 
-/// Most summands of a reward.
-pub(crate) const MAX_TERMS: usize = 8;
-/// Most reasons to terminate.
-pub(crate) const MAX_ENDS: usize = 8;
-
-/// What a task sees after a step.
+/// What a task sees after a step: recorded numbers, or plain ones where references are asked for.
 #[derive(Debug, Clone, Copy)]
-pub struct View<'a, S> {
+pub struct View<'a, S = Trace> {
     /// What flies.
     pub robot: &'a Robot,
     /// Of the physics, in the robot's layout.
-    pub state: StridedView<'a, S>,
+    pub state: &'a [S],
     /// Motion of every body.
-    pub frames: StridedView<'a, S>,
+    pub frames: &'a [S],
     /// Rotor speeds before the step, in the order of the drones; those of the state in the first view of an episode.
-    pub speeds_before: StridedView<'a, S>,
+    pub speeds_before: &'a [S],
     /// What stays through the episode ([`TaskSpec::goal`](super::TaskSpec::goal)).
-    pub goal: StridedView<'a, S>,
+    pub goal: &'a [S],
     /// What the task keeps from step to step ([`TaskSpec::task_state`](super::TaskSpec::task_state)).
-    pub task_state: StridedView<'a, S>,
+    pub task_state: &'a [S],
     /// Steps since the episode began, k.
     pub step: S,
     /// Share of the time that is over: (k + offset)/T.
@@ -205,26 +218,22 @@ pub struct View<'a, S> {
 
 impl<S: Scalar> View<'_, S> {
     /// Motion of body `body`.
-    #[inline(always)]
     pub fn frame(&self, body: usize) -> Frame<S> {
-        Frame::read(&self.frames.from(body * FRAME))
+        Frame::read(&self.frames[body * FRAME..])
     }
 
     /// Motion of drone `drone`.
-    #[inline(always)]
     pub fn drone(&self, drone: usize) -> Frame<S> {
         self.frame(self.robot.drones()[drone].frame)
     }
 
     /// s = Ω/Ω_max of a rotor.
-    #[inline(always)]
     pub fn throttle(&self, drone: usize, rotor: usize) -> S {
         let place = &self.robot.drones()[drone].rotors[rotor];
-        self.state.get(place.speed) * S::constant(1.0 / place.max_speed)
+        self.state[place.speed] * S::constant(1.0 / place.max_speed)
     }
 
     /// e = Σ s of a drone's rotors.
-    #[inline(always)]
     pub fn effort(&self, drone: usize) -> S {
         let mut sum = S::zero();
         for i in 0..self.robot.drones()[drone].rotors.len() {
@@ -234,7 +243,6 @@ impl<S: Scalar> View<'_, S> {
     }
 
     /// (1/m) Σ e^{−e_i} over the drones.
-    #[inline(always)]
     pub fn mean_effort_reward(&self) -> S {
         let m = self.robot.drones().len();
         let mut sum = S::zero();
@@ -245,13 +253,11 @@ impl<S: Scalar> View<'_, S> {
     }
 
     /// Δs = ‖s − s_before‖ over a drone's rotors.
-    #[inline(always)]
     pub fn throttle_difference(&self, drone: usize) -> S {
         safe::sqrt(self.squared_throttle_difference(drone), safe::SQUARED_NORM_FLOOR)
     }
 
     /// (1/m) Σ Δs² over the drones.
-    #[inline(always)]
     pub(crate) fn mean_squared_throttle_difference(&self) -> S {
         let m = self.robot.drones().len();
         let mut sum = S::zero();
@@ -261,7 +267,6 @@ impl<S: Scalar> View<'_, S> {
         sum * S::constant(1.0 / m as f64)
     }
 
-    #[inline(always)]
     fn squared_throttle_difference(&self, drone: usize) -> S {
         let mut first = 0;
         for i in 0..drone {
@@ -271,7 +276,7 @@ impl<S: Scalar> View<'_, S> {
         let mut sum = S::zero();
         for i in 0..place.rotors.len() {
             let rotor = &place.rotors[i];
-            let change = self.state.get(rotor.speed) - self.speeds_before.get(first + i);
+            let change = self.state[rotor.speed] - self.speeds_before[first + i];
             let change = change * S::constant(1.0 / rotor.max_speed);
             sum = change.mul_add(change, sum);
         }
@@ -280,8 +285,7 @@ impl<S: Scalar> View<'_, S> {
 
     /// The part of a drone's observation that all tasks share, ŝ: attitude (w ≥ 0), velocity, angular velocity, heading,
     /// up, 2s − 1 per rotor, then direction and rate of every drive.
-    #[inline(always)]
-    pub fn observe_drone(&self, drone: usize, out: &mut impl Writer<S>) {
+    pub fn observe_drone(&self, drone: usize, out: &mut Writer<S>) {
         let frame = self.drone(drone);
         out.field("attitude", "-, body → world", "unit quaternion, w ≥ 0").within(-1.0, 1.0).non_smooth();
         out.array(frame.observed_attitude());
@@ -298,21 +302,19 @@ impl<S: Scalar> View<'_, S> {
             }
             out.field("drive_rate", "rad/s", "of its drives");
             for i in 0..drives.len() {
-                out.number(self.state.get(drives[i].rate));
+                out.number(self.state[drives[i].rate]);
             }
         }
     }
 
     /// (cos, sin) of the angle at place `at` of the state: alike after whole turns.
-    #[inline(always)]
     pub fn turned(&self, at: usize) -> [S; 2] {
-        let (sin, cos) = self.state.get(at).sin_cos();
+        let (sin, cos) = self.state[at].sin_cos();
         [cos, sin]
     }
 
     /// 2s − 1 per rotor.
-    #[inline(always)]
-    pub fn observe_throttle(&self, drone: usize, out: &mut impl Writer<S>) {
+    pub fn observe_throttle(&self, drone: usize, out: &mut Writer<S>) {
         out.field("throttle", "-", "2s − 1, s = Ω/Ω_max").within(-1.0, 1.0);
         let two = S::constant(2.0);
         for i in 0..self.robot.drones()[drone].rotors.len() {
@@ -321,8 +323,7 @@ impl<S: Scalar> View<'_, S> {
     }
 
     /// The time code: the clock, four times.
-    #[inline(always)]
-    pub fn observe_clock(&self, out: &mut impl Writer<S>) {
+    pub fn observe_clock(&self, out: &mut Writer<S>) {
         out.field("clock", "-", "k/T, four times").within(0.0, 1.0).array([self.clock; 4]);
     }
 }

@@ -7,7 +7,7 @@
 
 use super::declare::Writer;
 use super::task::{Start, TaskReference, View, eased};
-use crate::autodiff::{Scalar, StridedView, safe};
+use crate::autodiff::{Array, Scalar, Trace, safe};
 use crate::controllers::reference::{Lemniscate, Reference, lemniscate_curve, lemniscate_phase};
 use crate::dynamics::GRAVITY;
 use crate::dynamics::frame::Frame;
@@ -94,7 +94,7 @@ impl TrackPath {
         goal.field("path_ahead", "steps", "that the path is ahead of k").number(ahead);
         goal.field("reset_distance", "m", "beyond which the episode ends").number(reset);
         let numbers = [vertical, scale[0], scale[1], scale[2], rate, turn[0], turn[1], ahead, reset];
-        self.at(&StridedView::of(&numbers), 0.0)
+        self.at(&numbers, 0.0)
     }
 
     /// In the share of episodes that begin along the path: anywhere in a lap, 2 s after its rest; else 0. Whole steps.
@@ -105,9 +105,8 @@ impl TrackPath {
     }
 
     /// Whether an error is beyond the reset distance of the episode.
-    #[inline(always)]
-    pub fn far<S: Scalar>(&self, goal: &StridedView<'_, S>, error: Vec3<S>) -> S::Mask {
-        goal.get(RESET).square().lt(safe::squared_norm(error))
+    pub fn far<S: Scalar>(&self, goal: &[S], error: Vec3<S>) -> S::Mask {
+        goal[RESET].square().lt(safe::squared_norm(error))
     }
 
     /// Where the path of a goal whose numbers begin at `first` is ahead: gives the root of tree 0, placed with the attitude of a
@@ -119,14 +118,14 @@ impl TrackPath {
         if goal[AHEAD_BY] == 0.0 {
             return;
         }
-        let view = StridedView::of(&goal);
-        let (position, velocity) = (self.at(&view, 0.0), self.velocity(&view, 0.0));
+        let view = &goal[..];
+        let (position, velocity) = (self.at(view, 0.0), self.velocity(view, 0.0));
         let root = start.robot.roots()[0];
         start.state[root + 3..root + 6].copy_from_slice(&velocity);
         let Some(lever) = lever else { return };
         let half_step = 0.5 / self.dt;
-        let up_rate = scale(half_step, sub(self.lean(&view, 1.0).0, self.lean(&view, -1.0).0));
-        let (up, pull) = self.lean(&view, 0.0);
+        let up_rate = scale(half_step, sub(self.lean(view, 1.0).0, self.lean(view, -1.0).0));
+        let (up, pull) = self.lean(view, 0.0);
         let own = std::array::from_fn(|k| start.state[root + 6 + k]);
         let yaw = to_euler(start.robot.attitude_of_hover_axes(0, own))[2];
         // the shortest turn from e_z to the lean, after the yaw
@@ -142,7 +141,7 @@ impl TrackPath {
     }
 
     /// Direction of the specific force at step k of a path, and its size over g.
-    fn lean(&self, goal: &StridedView<'_, f64>, step: f64) -> (Vec3<f64>, f64) {
+    fn lean(&self, goal: &[f64], step: f64) -> (Vec3<f64>, f64) {
         let (before, after) = (self.velocity(goal, step - 1.0), self.velocity(goal, step + 1.0));
         let mut force = scale(0.5 / self.dt, sub(after, before));
         force[2] += GRAVITY;
@@ -150,58 +149,47 @@ impl TrackPath {
     }
 
     /// The path ahead of a body at `position`, where it comes first in the goal.
-    #[inline(always)]
-    pub fn observe_ahead<S: Scalar>(&self, view: &View<'_, S>, position: Vec3<S>, out: &mut impl Writer<S>) {
+    pub fn observe_ahead(&self, view: &View, position: Vec3<Trace>, out: &mut Writer) {
         out.field("path", "m, world", "p_ref(k + 5i) − p for i = 0 … 3");
-        self.observe(&view.goal, view.step, 4, position, out);
+        self.observe(view.goal, view.step, 4, position, out);
     }
 
     /// The path for who is led along it, where it comes first in the goal.
     pub fn lead(&self, view: &View<'_, f64>, led: &Frame<f64>) -> TaskReference {
-        let path = self.reference(&view.goal, led.yaw());
+        let path = self.reference(view.goal, led.yaw());
         TaskReference::one(Reference::Lemniscate(path)).of(led.position)
     }
 
     /// p_ref(k + 5i) − `position` for `points` points from i = 0 on.
-    #[inline(always)]
-    pub fn observe<S: Scalar>(
-        &self,
-        goal: &StridedView<'_, S>,
-        step: S,
-        points: usize,
-        position: Vec3<S>,
-        out: &mut impl Writer<S>,
-    ) {
+    pub fn observe(&self, goal: &[Trace], step: Trace, points: usize, position: Vec3<Trace>, out: &mut Writer) {
         for i in 0..points {
-            out.array(sub(self.at(goal, step + S::constant((AHEAD * i) as f64)), position));
+            out.array(sub(self.at(goal, step + Trace::constant((AHEAD * i) as f64)), position));
         }
     }
 
     /// p_ref at step k of the path in `goal`, whose numbers begin at 0.
-    #[inline(always)]
-    pub fn at<S: Scalar>(&self, goal: &StridedView<'_, S>, step: S) -> Vec3<S> {
-        let time = (step + goal.get(AHEAD_BY)) * S::constant(self.dt);
-        let phase = S::constant(FRAC_PI_2) + lemniscate_phase(goal.get(4), time);
-        let curve = lemniscate_curve(phase, goal.get(0));
-        let (x, y) = (goal.get(1) * curve[0], goal.get(2) * curve[1]);
-        let (c, s) = (goal.get(5), goal.get(6));
+    pub fn at<S: Scalar>(&self, goal: &[S], step: S) -> Vec3<S> {
+        let time = (step + goal[AHEAD_BY]) * S::constant(self.dt);
+        let phase = S::constant(FRAC_PI_2) + lemniscate_phase(goal[4], time);
+        let curve = lemniscate_curve(phase, goal[0]);
+        let (x, y) = (goal[1] * curve[0], goal[2] * curve[1]);
+        let (c, s) = (goal[5], goal[6]);
         [
             S::constant(self.own.path.origin[0]) + c.mul_add(x, -(s * y)),
             S::constant(self.own.path.origin[1]) + s.mul_add(x, c * y),
-            S::constant(self.own.path.origin[2]) + goal.get(3) * curve[2],
+            S::constant(self.own.path.origin[2]) + goal[3] * curve[2],
         ]
     }
 
     /// dp_ref/dt at step k, by central differences over two steps.
-    #[inline(always)]
-    pub fn velocity<S: Scalar>(&self, goal: &StridedView<'_, S>, step: S) -> Vec3<S> {
+    pub fn velocity<S: Scalar>(&self, goal: &[S], step: S) -> Vec3<S> {
         let ahead = self.at(goal, step + S::one());
         let behind = self.at(goal, step - S::one());
         scale(S::constant(0.5 / self.dt), sub(ahead, behind))
     }
 
     /// The same path as a reference for controllers, with a yaw.
-    pub fn reference(&self, goal: &StridedView<'_, f64>, yaw: f64) -> Lemniscate {
+    pub fn reference(&self, goal: &[f64], yaw: f64) -> Lemniscate {
         let g: [f64; PATH] = goal.array(0);
         Lemniscate {
             rate: g[4],

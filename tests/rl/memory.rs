@@ -17,7 +17,6 @@ fn teller(config: &EnvConfig) -> Result<Robot> {
 }
 
 /// Mean throttle of the rotors from `first` on.
-#[inline(always)]
 fn told<S: Scalar>(view: &View<'_, S>, first: usize, n: usize) -> S {
     let mut sum = S::zero();
     for i in first..first + n {
@@ -27,7 +26,6 @@ fn told<S: Scalar>(view: &View<'_, S>, first: usize, n: usize) -> S {
 }
 
 /// 1 in the last step, 0 before.
-#[inline(always)]
 fn at_the_end<S: Scalar>(view: &View<'_, S>, steps: usize) -> S {
     S::select(S::constant(steps as f64 - 0.5).lt(view.step), S::one(), S::zero())
 }
@@ -48,19 +46,19 @@ impl Task for Cue {
         let sign = 2.0 * start.task.below(2) as f64 - 1.0;
         start.goal.field("sign", "-", "−1 or 1").number(sign);
     }
-    fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut impl Writer<S>) {
-        let shown = S::select(view.step.lt(S::constant(0.5)), view.goal.get(0), S::zero());
+    fn observe(&self, view: &View, _: usize, out: &mut Writer) {
+        let shown = Trace::select(view.step.lt(Trace::constant(0.5)), view.goal[0], Trace::zero());
         out.field("cue", "-", "sign in the first step, else 0").within(-1.0, 1.0).number(shown);
         out.field("clock", "-", "k/T").within(0.0, 1.0).number(view.clock);
     }
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
-        let wanted = S::constant(0.2).mul_add(view.goal.get(0), S::constant(0.5));
-        let pay = S::one() - (told(view, 0, 4) - wanted).square() * S::constant(25.0);
+    fn reward(&self, view: &View, terms: &mut Writer) {
+        let wanted = Trace::constant(0.2).mul_add(view.goal[0], Trace::constant(0.5));
+        let pay = Trace::one() - (told(view, 0, 4) - wanted).square() * Trace::constant(25.0);
         terms.term("told", "1 − (Δ/0.2)² in the last step", 1.0).within(-11.25, 1.0);
         terms.number(pay * at_the_end(view, CUE_STEPS));
     }
-    fn ends<S: Scalar>(&self, _: &View<'_, S>, _: &mut impl Ends<S>) {}
-    fn success<S: Scalar>(&self, _: &View<'_, S>) -> S::Mask { S::one().lt(S::zero()) }
+    fn ends(&self, _: &View, _: &mut Ends) {}
+    fn success(&self, _: &View) -> TraceMask { Trace::one().lt(Trace::zero()) }
     fn ideal(&self, start: &mut Start<'_>) { start.goal.field("sign", "-", "−1 or 1").number(1.0); }
 }
 
@@ -93,20 +91,20 @@ impl Task for Bright {
         let [row, column] = [(); 2].map(|()| start.task.below(SIDE as u64) as usize);
         Self::draw(start, row, column);
     }
-    fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut impl Writer<S>) {
+    fn observe(&self, view: &View, _: usize, out: &mut Writer) {
         out.field("picture", "-", "brightness").within(0.0, 1.0).image(SIDE, SIDE, 1);
         for at in 0..SIDE * SIDE {
-            out.number(view.goal.get(2 + at));
+            out.number(view.goal[2 + at]);
         }
     }
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
-        let [row, column] = [0, 1].map(|k| (told(view, 2 * k, 2) - view.goal.get(k)).square());
-        let pay = S::one() - (row + column) * S::constant(25.0);
+    fn reward(&self, view: &View, terms: &mut Writer) {
+        let [row, column] = [0, 1].map(|k| (told(view, 2 * k, 2) - view.goal[k]).square());
+        let pay = Trace::one() - (row + column) * Trace::constant(25.0);
         terms.term("told", "1 − Δ²/0.2² in the last step", 1.0).within(-23.5, 1.0);
         terms.number(pay * at_the_end(view, BRIGHT_STEPS));
     }
-    fn ends<S: Scalar>(&self, _: &View<'_, S>, _: &mut impl Ends<S>) {}
-    fn success<S: Scalar>(&self, _: &View<'_, S>) -> S::Mask { S::one().lt(S::zero()) }
+    fn ends(&self, _: &View, _: &mut Ends) {}
+    fn success(&self, _: &View) -> TraceMask { Trace::one().lt(Trace::zero()) }
     fn ideal(&self, start: &mut Start<'_>) { Self::draw(start, 2, 3); }
 }
 

@@ -1,7 +1,7 @@
 //! A problem whose optimum is known: hold a Hummingbird near its hover at a quadratic cost.
 
 use nalgebra::{DMatrix, DVector};
-use omnidrones::autodiff::{Scalar, safe};
+use omnidrones::autodiff::{Scalar, Trace, TraceMask, safe};
 use omnidrones::controllers::design::riccati;
 use omnidrones::error::Result;
 use omnidrones::tasks::{Ends, Env, EnvConfig, Loss, Robot, Start, Task, View, Writer};
@@ -40,30 +40,28 @@ impl Regulate {
     }
 
     /// Deviations from hover, in the order of the state.
-    #[inline(always)]
-    fn deviation<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+    fn deviation(&self, view: &View, out: &mut Writer) {
         out.field("deviation", "SI", "state less hover");
-        let (drone, scale) = (view.drone(0), S::constant(SCALE));
+        let (drone, scale) = (view.drone(0), Trace::constant(SCALE));
         // 0, or NaN
-        let poison = S::zero() / (S::one() - view.goal.get(0));
+        let poison = Trace::zero() / (Trace::one() - view.goal[0]);
         for i in 0..3 {
-            out.number(poison + scale * (drone.position[i] - S::constant(TARGET[i])));
+            out.number(poison + scale * (drone.position[i] - Trace::constant(TARGET[i])));
         }
         for i in 0..3 {
             out.number(scale * drone.velocity[i]);
         }
         for i in 1..4 {
-            out.number(scale * S::constant(2.0) * drone.attitude[i]);
+            out.number(scale * Trace::constant(2.0) * drone.attitude[i]);
         }
         for i in 0..3 {
             out.number(scale * drone.angular_velocity[i]);
         }
         for rotor in 0..4 {
-            out.number(scale * (view.throttle(0, rotor) - S::constant(self.hover)));
+            out.number(scale * (view.throttle(0, rotor) - Trace::constant(self.hover)));
         }
     }
 
-    #[inline(always)]
     fn cost<S: Scalar>(&self, view: &View<'_, S>) -> S {
         let drone = view.drone(0);
         let error = [0, 1, 2].map(|i| drone.position[i] - S::constant(TARGET[i]));
@@ -96,31 +94,26 @@ impl Task for Regulate {
         let attitude = start.attitude(0.02, [-0.02, 0.02]);
         start.place(0, position, attitude);
     }
-    #[inline(always)]
-    fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut impl Writer<S>) {
+    fn observe(&self, view: &View, _: usize, out: &mut Writer) {
         self.deviation(view, out);
     }
-    #[inline(always)]
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
+    fn reward(&self, view: &View, terms: &mut Writer) {
         // an end must not be worth seeking
         terms
             .term("cost", "20 − xᵀQx", BONUS)
             .within(f64::NEG_INFINITY, BONUS)
-            .number(S::constant(BONUS) - self.cost(view));
+            .number(Trace::constant(BONUS) - self.cost(view));
     }
-    #[inline(always)]
-    fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
+    fn loss(&self, view: &View, loss: &mut Loss) {
         loss.add("xᵀQx", self.cost(view));
     }
-    #[inline(always)]
-    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
+    fn ends(&self, view: &View, ends: &mut Ends) {
         let position = view.drone(0).position;
-        let error = [0, 1, 2].map(|i| position[i] - S::constant(TARGET[i]));
-        ends.when("far", "|p − p_t| > 0.5 m", S::constant(0.25).lt(safe::squared_norm(error)));
+        let error = [0, 1, 2].map(|i| position[i] - Trace::constant(TARGET[i]));
+        ends.when("far", "|p − p_t| > 0.5 m", Trace::constant(0.25).lt(safe::squared_norm(error)));
     }
-    #[inline(always)]
-    fn success<S: Scalar>(&self, view: &View<'_, S>) -> S::Mask {
-        self.cost(view).lt(S::constant(1.0))
+    fn success(&self, view: &View) -> TraceMask {
+        self.cost(view).lt(Trace::constant(1.0))
     }
     fn ideal(&self, start: &mut Start<'_>) {
         set_poison(start, 0.0);

@@ -1,6 +1,6 @@
 //! A team of unlike agents: a drone of four rotors and one of six, each to its height; the second is told the time too.
 
-use omnidrones::autodiff::Mask;
+use omnidrones::autodiff::{Mask, Trace, TraceMask};
 use omnidrones::controllers::cascade::Level;
 use omnidrones::dynamics::assembly::{Member, group, single};
 use omnidrones::error::Result;
@@ -20,7 +20,6 @@ struct Pair {
 const HEIGHTS: [f64; 2] = [1.5, 2.5];
 const FEW: usize = 13;
 
-#[inline(always)]
 fn off<S: Scalar>(view: &View<'_, S>, agent: usize) -> S {
     view.drone(agent).position[2] - S::constant(HEIGHTS[agent])
 }
@@ -35,7 +34,7 @@ impl Task for Pair {
             start.place(i, position, [1.0, 0.0, 0.0, 0.0]);
         }
     }
-    fn observe<S: Scalar>(&self, view: &View<'_, S>, agent: usize, out: &mut impl Writer<S>) {
+    fn observe(&self, view: &View, agent: usize, out: &mut Writer) {
         let own = view.drone(agent);
         out.field("off", "m, world", "z − z_t").number(off(view, agent));
         out.field("velocity", "m/s, world", "v").array(own.velocity);
@@ -46,22 +45,22 @@ impl Task for Pair {
             out.field("clock", "-", "k/T").number(view.clock);
         }
     }
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
+    fn reward(&self, view: &View, terms: &mut Writer) {
         for (i, name) in ["low", "high"].into_iter().enumerate() {
             let off = off(view, i);
             terms.term(name, "½/(1 + 4 Δz²)", 0.5);
-            terms.number(S::constant(0.5) / (S::one() + S::constant(4.0) * off * off));
+            terms.number(Trace::constant(0.5) / (Trace::one() + Trace::constant(4.0) * off * off));
         }
     }
-    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
-        let far = |i| S::constant(1.2).lt(off(view, i).abs());
+    fn ends(&self, view: &View, ends: &mut Ends) {
+        let far = |i| Trace::constant(1.2).lt(off(view, i).abs());
         ends.when("far", "|Δz| > 1.2 m", far(0).or(far(1)));
     }
-    fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+    fn metrics(&self, view: &View, out: &mut Writer) {
         out.metric("error", "m", off(view, 0).abs().max(off(view, 1).abs()));
     }
-    fn success<S: Scalar>(&self, view: &View<'_, S>) -> S::Mask {
-        off(view, 0).abs().max(off(view, 1).abs()).lt(S::constant(0.1))
+    fn success(&self, view: &View) -> TraceMask {
+        off(view, 0).abs().max(off(view, 1).abs()).lt(Trace::constant(0.1))
     }
     fn success_rule(&self) -> Success { Success::below("error", 0.1) }
     fn ideal(&self, start: &mut Start<'_>) {

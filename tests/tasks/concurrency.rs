@@ -1,7 +1,7 @@
 //! Batches and a learner side by side in one process, on threads that they share.
 
 use crate::{config, count};
-use omnidrones::autodiff::Scalar;
+use omnidrones::autodiff::{Scalar, Trace, TraceMask};
 use omnidrones::parallel::Threads;
 use omnidrones::rl::Learner;
 use omnidrones::rl::apg::{Apg, ApgConfig};
@@ -34,19 +34,15 @@ impl Task for Faulty {
     fn event(&self, _: &mut Start<'_>) {
         resume_unwind(Box::new("a goal that cannot jump"));
     }
-    #[inline(always)]
-    fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut impl Writer<S>) {
+    fn observe(&self, view: &View, _: usize, out: &mut Writer) {
         out.field("height", "m", "p_z").number(view.drone(0).position[2]);
     }
-    #[inline(always)]
-    fn reward<S: Scalar>(&self, _: &View<'_, S>, terms: &mut impl Writer<S>) {
-        terms.term("alive", "1", 1.0).number(S::one());
+    fn reward(&self, _: &View, terms: &mut Writer) {
+        terms.term("alive", "1", 1.0).number(Trace::one());
     }
-    #[inline(always)]
-    fn ends<S: Scalar>(&self, _: &View<'_, S>, _: &mut impl Ends<S>) {}
-    #[inline(always)]
-    fn success<S: Scalar>(&self, _: &View<'_, S>) -> S::Mask {
-        S::one().lt(S::zero())
+    fn ends(&self, _: &View, _: &mut Ends) {}
+    fn success(&self, _: &View) -> TraceMask {
+        Trace::one().lt(Trace::zero())
     }
     fn ideal(&self, start: &mut Start<'_>) {
         start.place(0, [0.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0]);

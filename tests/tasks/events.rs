@@ -1,6 +1,6 @@
 //! Goals that jump in mid-episode: what is seen, and what stays with whom.
 
-use omnidrones::autodiff::Scalar;
+use omnidrones::autodiff::{Scalar, Trace, TraceMask};
 use omnidrones::error::Result;
 use omnidrones::parallel::Threads;
 use omnidrones::tasks::{Autoreset, Buffers, Ends, Env, EnvConfig, Robot, Start, Task, View, Writer};
@@ -40,36 +40,30 @@ impl Task for Jumping {
         start.event_at += 1.0 + start.task.below(5) as f64;
     }
 
-    #[inline(always)]
-    fn remember<S: Scalar>(&self, view: &View<'_, S>, task_state: &mut impl Writer<S>) {
-        task_state.field("jumps", "-", "so far").number(view.task_state.get(0));
+    fn remember(&self, view: &View, task_state: &mut Writer) {
+        task_state.field("jumps", "-", "so far").number(view.task_state[0]);
     }
 
-    #[inline(always)]
-    fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut impl Writer<S>) {
-        out.field("target", "-", "jumps").number(view.goal.get(0));
-        out.field("jumps", "-", "so far").number(view.task_state.get(0));
+    fn observe(&self, view: &View, _: usize, out: &mut Writer) {
+        out.field("target", "-", "jumps").number(view.goal[0]);
+        out.field("jumps", "-", "so far").number(view.task_state[0]);
         out.field("step", "-", "k").number(view.step);
     }
 
-    #[inline(always)]
-    fn central<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
-        out.field("target", "-", "jumps").number(view.goal.get(0));
+    fn central(&self, view: &View, out: &mut Writer) {
+        out.field("target", "-", "jumps").number(view.goal[0]);
     }
 
-    #[inline(always)]
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
-        terms.term("target", "target", 1.0).number(view.goal.get(0));
+    fn reward(&self, view: &View, terms: &mut Writer) {
+        terms.term("target", "target", 1.0).number(view.goal[0]);
     }
 
-    #[inline(always)]
-    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
-        ends.when("high", "target > 0.8", S::constant(0.8).lt(view.goal.get(0)));
+    fn ends(&self, view: &View, ends: &mut Ends) {
+        ends.when("high", "target > 0.8", Trace::constant(0.8).lt(view.goal[0]));
     }
 
-    #[inline(always)]
-    fn success<S: Scalar>(&self, _: &View<'_, S>) -> S::Mask {
-        S::one().lt(S::zero())
+    fn success(&self, _: &View) -> TraceMask {
+        Trace::one().lt(Trace::zero())
     }
 
     fn ideal(&self, start: &mut Start<'_>) {

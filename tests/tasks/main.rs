@@ -11,6 +11,7 @@ mod one_drone;
 mod pinball;
 mod probes;
 mod race;
+mod recordings;
 mod records;
 mod residual;
 mod robustness;

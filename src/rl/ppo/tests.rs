@@ -1,5 +1,5 @@
 use super::*;
-use crate::autodiff::Scalar;
+use crate::autodiff::{Scalar, Trace, TraceMask};
 use crate::dynamics::Effects;
 use crate::rl::learner::saved;
 use crate::rl::nn::Layers;
@@ -244,15 +244,15 @@ impl Task for Broken {
         let kind = if start.task.below(4) == 0 { f64::NAN } else { 1.0 };
         start.goal.field("kind", "-", "1 or NaN").number(kind);
     }
-    fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut impl Writer<S>) {
-        out.field("kind", "-", "1 or NaN").number(view.goal.get(0));
+    fn observe(&self, view: &View, _: usize, out: &mut Writer) {
+        out.field("kind", "-", "1 or NaN").number(view.goal[0]);
     }
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
-        terms.term("pay", "kind", 1.0).number(view.goal.get(0));
+    fn reward(&self, view: &View, terms: &mut Writer) {
+        terms.term("pay", "kind", 1.0).number(view.goal[0]);
     }
-    fn ends<S: Scalar>(&self, _: &View<'_, S>, _: &mut impl Ends<S>) {}
-    fn success<S: Scalar>(&self, _: &View<'_, S>) -> S::Mask {
-        S::one().lt(S::zero())
+    fn ends(&self, _: &View, _: &mut Ends) {}
+    fn success(&self, _: &View) -> TraceMask {
+        Trace::one().lt(Trace::zero())
     }
     fn ideal(&self, start: &mut Start<'_>) {
         start.goal.field("kind", "-", "1 or NaN").number(1.0);

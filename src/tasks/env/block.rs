@@ -1,12 +1,13 @@
 //! Sixty-four environments: what they hold between steps, and the memory that a step works in.
 
+use super::layout::Kept;
+use super::programs::Scratch;
 use super::residual::Lead;
 use super::restart::Draft;
 use super::sensing::{Senses, Sensors};
 use super::spec::Column;
 use crate::autodiff::program::BLOCK;
-use crate::dynamics::batch::{Block, Culprit, Plant};
-use crate::dynamics::frame::FRAME;
+use crate::dynamics::batch::{Block, Culprit};
 use crate::tasks::task::TaskReference;
 
 pub(crate) use crate::autodiff::columns::Columns;
@@ -77,6 +78,8 @@ pub(crate) struct Sizes {
     pub held: usize,
     /// Of one agent, that a normaliser sees.
     pub normalised: usize,
+    /// Normal draws of one agent in a step.
+    pub noise: usize,
 }
 
 impl Sizes {
@@ -104,21 +107,11 @@ pub(crate) fn take(rows: &[[f32; BLOCK]], lane: usize, values: &mut [f64]) {
 #[derive(Debug, Clone)]
 pub(crate) struct EnvBlock {
     pub plant: Block,
-    pub episode_state: Columns,
-    pub goal: Columns,
-    pub task_state: Columns,
-    pub theta: Columns,
-    /// Wind, m/s, where it is randomised.
-    pub air: Columns,
-    pub line: Columns,
-    pub history: Columns,
-    /// What sensors read, agent by agent.
-    pub readings: Columns,
+    /// What they keep beside their physics, as [`Kept`](super::layout::Kept) says.
+    pub kept: Columns,
     /// One per environment, or none.
     pub sensors: Vec<Sensors>,
-    /// See [`Sizes::beginning`].
-    pub beginning: Columns,
-    /// What controllers track, from the first step of an episode on; one per lane or none. Follows from `beginning`.
+    /// What controllers track, from the first step of an episode on; one per lane or none. Follows from what it began with.
     pub references: Vec<Option<Box<TaskReference>>>,
     pub seed: [u64; BLOCK],
     pub episode: [u64; BLOCK],
@@ -137,16 +130,8 @@ impl EnvBlock {
     pub(crate) fn new(plant: Block, s: &Sizes) -> Self {
         Self {
             plant,
-            episode_state: Columns::zeros(s.episode_state()),
-            goal: Columns::zeros(s.goal),
-            task_state: Columns::zeros(s.task_state),
-            theta: Columns::zeros(s.theta),
-            air: Columns::zeros(s.air),
-            line: Columns::zeros(s.delay * s.command),
-            history: Columns::zeros(s.history),
-            readings: Columns::zeros(s.agent * s.reading),
+            kept: Columns::zeros(Kept::of(s).count),
             sensors: Vec::new(),
-            beginning: Columns::zeros(s.beginning),
             references: vec![None; if s.beginning > 0 { BLOCK } else { 0 }],
             seed: [0; BLOCK],
             episode: [0; BLOCK],
@@ -160,66 +145,26 @@ impl EnvBlock {
 
     /// All rows that make up the state of the environments, in order.
     pub(crate) fn all_rows(&self) -> impl Iterator<Item = &[f32; BLOCK]> {
-        let numbers = self.plant.numbers.iter().flatten();
-        let own = [
-            &self.episode_state,
-            &self.goal,
-            &self.task_state,
-            &self.theta,
-            &self.air,
-            &self.line,
-            &self.history,
-            &self.readings,
-            &self.beginning,
-        ];
-        self.plant.rows.iter().chain(numbers).chain(own.into_iter().flatten())
+        let numbers = self.plant.numbers.iter().flat_map(|rows| rows.iter());
+        self.plant.rows.iter().chain(numbers).chain(self.kept.iter())
     }
 
     /// As [`EnvBlock::all_rows`], to write.
     pub(crate) fn all_rows_mut(&mut self) -> impl Iterator<Item = &mut [f32; BLOCK]> {
-        let numbers = self.plant.numbers.iter_mut().flatten();
-        let own = [
-            &mut self.episode_state,
-            &mut self.goal,
-            &mut self.task_state,
-            &mut self.theta,
-            &mut self.air,
-            &mut self.line,
-            &mut self.history,
-            &mut self.readings,
-            &mut self.beginning,
-        ];
-        self.plant.rows.iter_mut().chain(numbers).chain(own.into_iter().flatten())
+        let numbers = self.plant.numbers.iter_mut().flat_map(|rows| rows.iter_mut());
+        self.plant.rows.iter_mut().chain(numbers).chain(self.kept.iter_mut())
     }
 }
 
 /// What one worker needs for a block.
 pub(crate) struct Workspace {
-    pub frames: Columns,
-    pub speeds: Columns,
-    pub action: Columns,
-    pub command: Columns,
-    pub held: Columns,
-    pub task_state: Columns,
-    pub terms: Columns,
-    /// One agent's after the other, before the transforms.
-    pub raw: Columns,
-    /// One agent's after the other.
-    pub observation: Columns,
-    pub central: Columns,
-    pub metrics: Columns,
+    /// As [`Working`](super::layout::Working) says.
+    pub rows: Columns,
     /// What is told, in order.
     pub info: Columns,
-    /// Reward, success, loss, due events, was running.
-    pub signals: Columns,
-    /// Draws of the sensors' noise.
-    pub noise: Columns,
-    /// Which lanes moved on, which begin an episode.
-    pub moved: Columns,
-    /// What the normaliser sees.
-    pub seen: Columns,
     /// Where a step leads that a simulation does not survive.
     pub after: Columns,
+    pub scratch: Scratch,
     pub draft: Draft,
     /// Controllers that actions change the commands of.
     pub lead: Option<Lead>,
@@ -227,7 +172,7 @@ pub(crate) struct Workspace {
     pub senses: Option<Senses>,
 }
 
-/// Rows of [`Workspace::signals`].
+/// Rows of signals.
 pub(crate) mod signal {
     pub(crate) const REWARD: usize = 0;
     pub(crate) const SUCCESS: usize = 1;
@@ -237,32 +182,7 @@ pub(crate) mod signal {
     pub(crate) const DUE: usize = 3;
     pub(crate) const TERMINATED: usize = 4;
     pub(crate) const TRUNCATED: usize = 5;
-    pub(crate) const COUNT: usize = 6;
-}
-
-impl Workspace {
-    pub(crate) fn new(s: &Sizes, plant: &Plant, n_noise: usize, draft: Draft, lead: Option<Lead>) -> Self {
-        Self {
-            frames: Columns::zeros(s.frame * FRAME),
-            speeds: Columns::zeros(s.rotor),
-            action: Columns::zeros(s.action),
-            command: Columns::zeros(s.command),
-            held: Columns::zeros(s.held),
-            task_state: Columns::zeros(s.task_state),
-            terms: Columns::zeros(s.term),
-            raw: Columns::zeros(s.agent * s.raw),
-            observation: Columns::zeros(s.agent * s.observation),
-            central: Columns::zeros(s.central),
-            metrics: Columns::zeros(s.metric),
-            info: Columns::zeros(s.info()),
-            signals: Columns::zeros(signal::COUNT),
-            noise: Columns::zeros(n_noise),
-            moved: Columns::zeros(2),
-            seen: Columns::zeros(s.agent * s.normalised),
-            after: Columns::zeros(plant.n_row()),
-            draft,
-            lead,
-            senses: None,
-        }
-    }
+    /// Whether physics gave up in the step.
+    pub(crate) const GAVE_UP: usize = 6;
+    pub(crate) const COUNT: usize = 7;
 }

@@ -1,31 +1,18 @@
 //! From an agent's numbers to rotor actions: spaces, clipping, delay, and the cascade in the control modes.
 
-use super::block::{EnvBlock, Workspace, episode_state};
-use crate::autodiff::lanes::{Lanes, RegisterKernel, each_register, to_columns};
 use crate::autodiff::program::BLOCK;
-use crate::autodiff::{Mask, Scalar, StridedView, StridedViewMut, safe};
+use crate::autodiff::{Mask, Scalar, Trace, safe};
 use crate::controllers::action::ActionScale;
-use crate::controllers::attitude::AttitudeCommand;
 use crate::controllers::cascade::{CascadeModel, Latched, Level};
 use crate::controllers::kinematics::Kinematics;
-use crate::controllers::rate::RateCommand;
 use crate::dynamics::GRAVITY;
-use crate::dynamics::batch::Plant;
 use crate::dynamics::frame::{FRAME, Frame};
 use crate::dynamics::rotor::{holding_action, thrust_action};
 use crate::dynamics::spatial::rotate_back;
+use crate::dynamics::vehicle::MAX_ROTORS;
 use crate::error::{Error, Result};
 use crate::tasks::config::{ActionSpace, EnvConfig};
 use crate::tasks::robot::{DronePlace, Robot};
-
-/// Rotor slots of the compiled cascades.
-#[derive(Debug, Clone)]
-#[expect(clippy::large_enum_variant, reason = "one per batch")]
-enum Cascades {
-    Four(CascadeModel<f64, 4>),
-    Eight(CascadeModel<f64, 8>),
-    Sixteen(CascadeModel<f64, 16>),
-}
 
 /// How actions of a robot become inputs of its system.
 #[derive(Debug, Clone)]
@@ -33,9 +20,7 @@ pub(crate) struct Control {
     level: Level,
     scale: ActionScale,
     space: ActionSpace,
-    cascades: Option<Cascades>,
-    /// The same cascade for recordings, which come out alike for any number of slots.
-    recorded: Option<Box<CascadeModel<f64, MAX_SLOTS>>>,
+    cascade: Option<Box<CascadeModel<f64, MAX_ROTORS>>>,
     /// Commands of the agent that has most.
     pub n_command: usize,
     /// Those of each agent; what stands behind them in its row moves nothing.
@@ -51,15 +36,14 @@ pub(crate) struct Control {
 }
 
 impl Control {
-    pub(crate) fn new(config: &EnvConfig, robot: &Robot) -> Result<Self> {
+    pub(crate) fn new(config: &EnvConfig, robot: &Robot, n_agent: usize) -> Result<Self> {
         let level = config.control;
         let inputs = robot.drones().iter().map(|drone| drone.commands().collect()).collect();
         let mut own = Self {
             level,
             scale: config.action_scale,
             space: config.actions,
-            cascades: None,
-            recorded: None,
+            cascade: None,
             n_command: 4,
             n_command_of: vec![4; robot.drones().len()],
             safe: Vec::new(),
@@ -72,6 +56,13 @@ impl Control {
             _ => own.cascaded(robot)?,
         }
         own.fits()?;
+        if n_agent < own.n_command_of.len() {
+            let limit = format!("at least {}, one for each drone", own.n_command_of.len());
+            return Err(Error::value("agents of the task", n_agent, limit, "Let one of them command each drone."));
+        }
+        // an agent without a drone moves nothing
+        own.n_command_of.resize(n_agent, 0);
+        own.safe.resize(n_agent * own.n_command, 0.0);
         Ok(own)
     }
 
@@ -98,13 +89,7 @@ impl Control {
             let remedy = "Use control = 'rotor', or a vehicle with fixed rotors.";
             return Err(Error::value("control", self.level.name(), "'rotor' for drones with tilting rotors", remedy));
         };
-        let gains = vehicle.gains();
-        self.cascades = Some(match vehicle.n_rotor() {
-            0..=4 => Cascades::Four(CascadeModel::new(vehicle, &gains)?),
-            5..=8 => Cascades::Eight(CascadeModel::new(vehicle, &gains)?),
-            _ => Cascades::Sixteen(CascadeModel::new(vehicle, &gains)?),
-        });
-        self.recorded = Some(Box::new(CascadeModel::new(vehicle, &gains)?));
+        self.cascade = Some(Box::new(CascadeModel::new(vehicle, &vehicle.gains())?));
         let weight = vehicle.mass_properties().mass * GRAVITY;
         let lift: f64 = vehicle.upright().rotors.iter().map(|r| r.max_thrust() * r.axis[2]).sum();
         let hover = thrust_action(weight / lift);
@@ -142,35 +127,34 @@ impl Control {
         if matches!(self.space, ActionSpace::Discrete { .. }) { 1 } else { self.n_command }
     }
 
-    /// Row-major actions of up to sixty-four environments into command rows, and how many of each were changed. Lanes
-    /// behind the last environment get zeros, not what another block left.
-    pub(crate) fn decode(&self, actions: &[f32], work: &mut Workspace, episode: &mut [[f32; BLOCK]]) {
-        let n_agent = self.inputs.len();
-        let n = n_agent * self.n_action();
+    /// Whether actions are numbers within [−1, 1], one for each command.
+    pub(crate) fn is_continuous(&self) -> bool {
+        self.space == ActionSpace::Continuous
+    }
+
+    /// Whole numbers of up to sixty-four environments, row-major, into command rows; returns how many of each environment's were
+    /// changed. Lanes behind the last environment get zeros, not what another block left.
+    pub(crate) fn decode(&self, levels: usize, actions: &[f32], command: &mut [[f32; BLOCK]]) -> [f32; BLOCK] {
+        let n_agent = self.n_command_of.len();
+        let (n, joint) = (n_agent * self.n_action(), self.n_action() == 1 && self.n_command > 1);
+        let n_lane = (actions.len() / n).min(BLOCK);
+        command.iter_mut().for_each(|column| column[n_lane..].fill(0.0));
+        let mut changed = [0.0; BLOCK];
+        for (lane, row) in actions.chunks_exact(n).enumerate() {
+            for agent in 0..n_agent {
+                let own = &row[agent * self.n_action()..(agent + 1) * self.n_action()];
+                let out = &mut command[agent * self.n_command..(agent + 1) * self.n_command];
+                changed[lane] += self.pick(agent, own, levels, joint, |k, x| out[k][lane] = x) as f32;
+            }
+        }
+        changed
+    }
+
+    /// Levels of each command, where actions are whole numbers.
+    pub(crate) fn levels(&self) -> Option<usize> {
         match self.space {
-            ActionSpace::Continuous => {
-                to_columns(actions, &mut work.action);
-                let n_lane = (actions.len() / n).min(BLOCK);
-                work.action.iter_mut().for_each(|column| column[n_lane..].fill(0.0));
-                let clip = Clip { control: self, action: &work.action, command: &mut work.command, episode };
-                each_register(n_lane, clip);
-                // behind the last register stands what another block left, and it would be saved
-                work.command.iter_mut().for_each(|column| column[n_lane..].fill(0.0));
-            }
-            ActionSpace::Discrete { levels } | ActionSpace::MultiDiscrete { levels } => {
-                let joint = self.n_action() == 1 && self.n_command > 1;
-                let n_lane = (actions.len() / n).min(BLOCK);
-                work.command.iter_mut().for_each(|column| column[n_lane..].fill(0.0));
-                for (lane, row) in actions.chunks_exact(n).enumerate() {
-                    let mut changed = 0;
-                    for agent in 0..n_agent {
-                        let own = &row[agent * self.n_action()..(agent + 1) * self.n_action()];
-                        let out = &mut work.command[agent * self.n_command..(agent + 1) * self.n_command];
-                        changed += self.pick(agent, own, levels, joint, |k, x| out[k][lane] = x);
-                    }
-                    episode[episode_state::CLIPPED][lane] = changed as f32;
-                }
-            }
+            ActionSpace::Continuous => None,
+            ActionSpace::Discrete { levels } | ActionSpace::MultiDiscrete { levels } => Some(levels),
         }
     }
 
@@ -199,91 +183,52 @@ impl Control {
         changed
     }
 
-    /// Input rows of computation `step` of this step. Needs frames in all modes but rotor.
-    pub(crate) fn steer(&self, robot: &Robot, plant: &Plant, step: usize, block: &mut EnvBlock, work: &mut Workspace) {
-        match &self.cascades {
-            None if step > 0 => {}
-            None => {
-                for (agent, inputs) in self.inputs.iter().enumerate() {
-                    for (k, input) in inputs.iter().enumerate() {
-                        block.plant.rows[plant.input_row(*input)] = work.command[agent * self.n_command + k];
-                    }
-                }
-            }
-            Some(Cascades::Four(model)) => self.cascade(model, robot, plant, step, block, work),
-            Some(Cascades::Eight(model)) => self.cascade(model, robot, plant, step, block, work),
-            Some(Cascades::Sixteen(model)) => self.cascade(model, robot, plant, step, block, work),
-        }
-    }
-
-    fn cascade<const R: usize>(
-        &self,
-        model: &CascadeModel<f64, R>,
-        robot: &Robot,
-        plant: &Plant,
-        step: usize,
-        block: &mut EnvBlock,
-        work: &mut Workspace,
-    ) {
-        each_register(block.plant.occupied, Steer { control: self, model, robot, plant, step, block, work });
-    }
-
     /// Whether [`Control::steer`] reads frames.
     pub(crate) fn needs_frames(&self) -> bool {
-        self.cascades.is_some()
+        self.cascade.is_some()
     }
 
-    /// As [`Control::steer`] for one environment over any scalar: commands (clipped) of all agents to inputs.
-    pub(crate) fn steer_one<S: Scalar>(
+    /// Commands (clipped) of all agents to inputs, in computation `step` of a step.
+    pub(crate) fn steer(
         &self,
         robot: &Robot,
         step: usize,
-        frames: &StridedView<'_, S>,
-        commands: &[S],
-        held: &mut [S],
-        input: &mut [S],
+        frames: &[Trace],
+        commands: &[Trace],
+        held: &mut [Trace],
+        input: &mut [Trace],
     ) {
         let n = self.n_command;
-        for agent in 0..self.inputs.len() {
+        for (agent, inputs) in self.inputs.iter().enumerate() {
             let own = &commands[agent * n..(agent + 1) * n];
-            let frame = Frame::read(&frames.from(robot.drones()[agent].frame * FRAME));
-            let first = agent * LATCHED_PER_AGENT;
-            let held = &mut held[first..first + LATCHED_PER_AGENT];
-            let out = &mut input[..];
-            match &self.recorded {
-                None => {
-                    for (k, place) in self.inputs[agent].iter().enumerate() {
-                        out[*place] = own[k];
-                    }
-                }
-                Some(model) => {
-                    let model = CascadeModel::<S, MAX_SLOTS>::constant(model);
-                    S::function(held, |held| {
-                        let before = Latched::read(held);
-                        self.compute(&model, step, &frame, [own[0], own[1], own[2], own[3]], &before).write(held);
-                    });
-                    let rotors = Latched::<S, MAX_SLOTS>::read(held).rotors;
-                    for (k, place) in self.inputs[agent].iter().enumerate() {
-                        out[*place] = rotors[k];
-                    }
-                }
-            }
+            let Some(model) = &self.cascade else {
+                inputs.iter().zip(own).for_each(|(place, command)| input[*place] = *command);
+                continue;
+            };
+            let frame = Frame::read(&frames[robot.drones()[agent].frame * FRAME..]);
+            let held = &mut held[agent * LATCHED_PER_AGENT..][..LATCHED_PER_AGENT];
+            Trace::function(held, |held| {
+                let before = Latched::read(held);
+                let command = [own[0], own[1], own[2], own[3]];
+                self.compute(&CascadeModel::constant(model), step, &frame, command, &before).write(held);
+            });
+            let rotors = Latched::<Trace, MAX_ROTORS>::read(held).rotors;
+            inputs.iter().zip(rotors).for_each(|(place, rotor)| input[*place] = rotor);
         }
     }
 
     /// One computation of the cascade. Velocity and position are computed in the first of a step and held.
-    #[inline(always)]
-    fn compute<S: Scalar, const R: usize>(
+    fn compute(
         &self,
-        model: &CascadeModel<S, R>,
+        model: &CascadeModel<Trace, MAX_ROTORS>,
         step: usize,
-        frame: &Frame<S>,
-        command: [S; 4],
-        held: &Latched<S, R>,
-    ) -> Latched<S, R> {
+        frame: &Frame<Trace>,
+        command: [Trace; 4],
+        held: &Latched<Trace, MAX_ROTORS>,
+    ) -> Latched<Trace, MAX_ROTORS> {
         let state = model.own(&kinematics(frame));
-        let one = S::one();
-        let first = if step == 0 { one } else { S::zero() };
+        let one = Trace::one();
+        let first = if step == 0 { one } else { Trace::zero() };
         let ticks = [first, one, one];
         let total = model.limits.thrust;
         match self.level {
@@ -300,17 +245,13 @@ impl Control {
     }
 }
 
-/// Most rotor slots.
-const MAX_SLOTS: usize = 16;
 /// Numbers that the cascade of one drone holds within a step: attitude command, rate command, rotors.
-const LATCHED: usize = 16 + 7;
-pub(crate) const LATCHED_PER_AGENT: usize = LATCHED + MAX_SLOTS;
+pub(crate) const LATCHED_PER_AGENT: usize = 16 + 7 + MAX_ROTORS;
 
 /// Most values of a joint discrete action: they are exact in `f32`.
 const MAX_VALUES: f64 = 65_536.0;
 
-#[inline(always)]
-fn kinematics<S: Scalar>(frame: &Frame<S>) -> Kinematics<S> {
+fn kinematics(frame: &Frame<Trace>) -> Kinematics<Trace> {
     Kinematics {
         position: frame.position,
         velocity: frame.velocity,
@@ -320,90 +261,8 @@ fn kinematics<S: Scalar>(frame: &Frame<S>) -> Kinematics<S> {
 }
 
 /// A number within [−1, 1], or the safe one where it is not finite; and whether that changed it.
-#[inline(always)]
-pub(crate) fn clipped<S: Scalar>(a: S, safe_command: f64) -> (S, S::Mask) {
+pub(crate) fn clipped(a: Trace, safe_command: f64) -> (Trace, <Trace as Scalar>::Mask) {
     let finite = safe::is_bounded(a, f64::from(f32::MAX));
-    let used = S::select(finite, a.clamp(-S::one(), S::one()), S::constant(safe_command));
+    let used = Trace::select(finite, a.clamp(-Trace::one(), Trace::one()), Trace::constant(safe_command));
     (used, a.lt(used).or(used.lt(a)).or(finite.not()))
-}
-
-/// Clips a block's actions.
-struct Clip<'a> {
-    control: &'a Control,
-    action: &'a [[f32; BLOCK]],
-    command: &'a mut [[f32; BLOCK]],
-    episode: &'a mut [[f32; BLOCK]],
-}
-
-impl RegisterKernel for Clip<'_> {
-    #[inline(always)]
-    fn run<L: Lanes>(&mut self, at: usize) {
-        let n = self.control.n_command;
-        let actions = L::rows(self.action, at);
-        let mut commands = L::rows_mut(self.command, at);
-        let mut changed = L::zero();
-        for agent in 0..self.control.inputs.len() {
-            for k in 0..self.control.n_command_of[agent] {
-                let (used, differs) = clipped(actions.get(agent * n + k), self.control.safe[agent * n + k]);
-                commands.set(agent * n + k, used);
-                changed += L::select(differs, L::one(), L::zero());
-            }
-            for k in self.control.n_command_of[agent]..n {
-                commands.set(agent * n + k, L::zero());
-            }
-        }
-        L::rows_mut(self.episode, at).set(episode_state::CLIPPED, changed);
-    }
-}
-
-/// One computation of the cascades of a block.
-struct Steer<'a, const R: usize> {
-    control: &'a Control,
-    model: &'a CascadeModel<f64, R>,
-    robot: &'a Robot,
-    plant: &'a Plant,
-    step: usize,
-    block: &'a mut EnvBlock,
-    work: &'a mut Workspace,
-}
-
-impl<const R: usize> RegisterKernel for Steer<'_, R> {
-    #[inline(always)]
-    fn run<L: Lanes>(&mut self, at: usize) {
-        let control = self.control;
-        let model = CascadeModel::<L, R>::constant(self.model);
-        for agent in 0..control.inputs.len() {
-            let frames = L::rows(&self.work.frames, at);
-            let frame = Frame::read(&frames.from(self.robot.drones()[agent].frame * FRAME));
-            let command = L::rows(&self.work.command, at).array(agent * 4);
-            let mut held = L::rows_mut(&mut self.work.held, at);
-            let first = agent * LATCHED_PER_AGENT;
-            let new = control.compute(&model, self.step, &frame, command, &read_latched(&held.rows().from(first)));
-            write_latched(&new, &mut held, first);
-            let mut input = L::rows_mut(&mut self.block.plant.rows, at);
-            for k in 0..control.inputs[agent].len() {
-                input.set(self.plant.input_row(control.inputs[agent][k]), new.rotors[k]);
-            }
-        }
-    }
-}
-
-#[inline(always)]
-fn read_latched<S: Scalar, const R: usize>(rows: &StridedView<'_, S>) -> Latched<S, R> {
-    Latched {
-        attitude: AttitudeCommand::read(&rows.array::<16>(0)),
-        rate: RateCommand::read(&rows.array::<7>(16)),
-        rotors: rows.array(LATCHED),
-    }
-}
-
-#[inline(always)]
-fn write_latched<S: Scalar, const R: usize>(held: &Latched<S, R>, rows: &mut StridedViewMut<'_, S>, first: usize) {
-    let (mut attitude, mut rate) = ([S::zero(); 16], [S::zero(); 7]);
-    held.attitude.write(&mut attitude);
-    held.rate.write(&mut rate);
-    let mut writer = rows.writer(first);
-    writer.array(attitude);
-    writer.array(rate);
-    writer.array(held.rotors);
 }

@@ -1,8 +1,9 @@
 //! What all environments of a batch share and a step only reads.
 
-use super::block::{Sizes, Workspace};
+use super::block::{Columns, Sizes, Workspace};
 use super::control::Control;
-use super::engine::Engine;
+use super::layout::EnvLayout;
+use super::programs::Programs;
 use super::residual::Residual;
 use super::restart::Draft;
 use super::sensing::Sensing;
@@ -12,17 +13,17 @@ use crate::dynamics::batch::Plant;
 use crate::error::Result;
 use crate::tasks::bounds::Bounds;
 use crate::tasks::config::Autoreset;
-use crate::tasks::declare::{Declaration, Loss};
+use crate::tasks::declare::{Loss, Writer};
 use crate::tasks::observation::{Pipeline, Statistics};
 use crate::tasks::randomise::Randomiser;
 use crate::tasks::robot::Robot;
-use crate::tasks::task::View;
+use crate::tasks::task::{Task, View};
 use crate::tasks::task_spec::TaskSpec;
 use std::sync::{Arc, OnceLock};
 
 /// Everything that all environments share and that a step only reads.
 pub(crate) struct Core {
-    pub engine: Box<dyn Engine>,
+    pub task: Box<dyn Task>,
     /// What the task says about itself.
     pub task_spec: TaskSpec,
     pub plant: Plant,
@@ -38,6 +39,7 @@ pub(crate) struct Core {
     /// Rows of the state that are bounded.
     pub limits: Vec<(usize, f32)>,
     pub sizes: Sizes,
+    pub layout: EnvLayout,
     pub pipeline: Pipeline,
     pub randomiser: Randomiser,
     /// Share of what makes episodes hard, 0 to 1.
@@ -46,14 +48,17 @@ pub(crate) struct Core {
     pub easier: f64,
     /// Numbers that vary between environments.
     pub varied: Vec<usize>,
+    /// Numbers of the plant's model that vary with them.
+    pub varying: Vec<usize>,
     pub nominal: Vec<f64>,
     /// The robot's system, with the numbers that vary as parameters if any do: what gradients are taken of.
     pub exposed: crate::dynamics::Plant,
-    pub disturbance_rows: Vec<usize>,
     pub speed_rows: Vec<usize>,
     pub statistics: Statistics,
     /// Means, then 1/standard deviations, as stages read them.
     pub frozen: Arc<[f64]>,
+    /// What all environments share, as [`Shared`](super::layout::Shared) says.
+    pub shared: Columns,
     pub collects: bool,
     pub delay: (usize, usize),
     pub mode: Autoreset,
@@ -62,33 +67,35 @@ pub(crate) struct Core {
     pub first_environment: u64,
     /// See [`config_hash`](super::transition::config_hash).
     pub config_hash: u64,
+    /// What environments run.
+    pub programs: OnceLock<Programs>,
     /// One step in `f64`, made when it is first asked for.
     pub program: OnceLock<Program>,
 }
 
 impl Core {
     pub(crate) fn robot(&self) -> &Robot {
-        self.engine.robot()
+        self.task.robot()
     }
 
     /// The terms of the reward in a view of a recording.
-    pub(crate) fn reward(&self, view: &View<'_, Trace>) -> Vec<Trace> {
-        let mut terms = Declaration::default();
-        self.engine.reward(view, &mut terms);
-        terms.numbers.extend(self.throttle_cost(view).map(|cost| -cost));
-        terms.numbers
+    pub(crate) fn reward(&self, view: &View) -> Vec<Trace> {
+        let mut terms = Writer::written(|terms| self.task.reward(view, terms)).numbers();
+        terms.extend(self.throttle_cost(view).map(|cost| -cost));
+        terms
     }
 
     /// The training loss in a view of a recording.
-    pub(crate) fn loss(&self, view: &View<'_, Trace>) -> Trace {
-        let mut sum = self.engine.loss(view).sum;
+    pub(crate) fn loss(&self, view: &View) -> Trace {
+        let mut sum = Loss::default();
+        self.task.loss(view, &mut sum);
         if let Some(cost) = self.throttle_cost(view) {
             sum.add("", cost);
         }
         sum.cut(self.bounds.loss)
     }
 
-    fn throttle_cost(&self, view: &View<'_, Trace>) -> Option<Trace> {
+    fn throttle_cost(&self, view: &View) -> Option<Trace> {
         let weight = self.throttle_change;
         (weight > 0.0).then(|| view.mean_squared_throttle_difference() * Trace::constant(weight))
     }
@@ -107,11 +114,21 @@ impl Core {
         Ok(self.program.get_or_init(|| compiled))
     }
 
+    /// What environments run, made when the environments are.
+    pub(crate) fn programs(&self) -> &Programs {
+        self.programs.get().expect("made with the environments")
+    }
+
     /// Memory for one worker.
     pub(crate) fn workspace(&self) -> Workspace {
-        let noise = self.sizes.agent * self.pipeline.noise;
-        let lead = self.residual.as_ref().map(|residual| residual.lead(self.robot()));
-        let senses = self.sensing.as_ref().map(|sensing| sensing.senses(self));
-        Workspace { senses, ..Workspace::new(&self.sizes, &self.plant, noise, Draft::new(self), lead) }
+        Workspace {
+            rows: Columns::zeros(self.layout.work.count),
+            info: Columns::zeros(self.sizes.info()),
+            after: Columns::zeros(self.plant.n_row()),
+            scratch: self.programs().scratch(),
+            draft: Draft::new(self),
+            lead: self.residual.as_ref().map(|residual| residual.lead(self.robot())),
+            senses: self.sensing.as_ref().map(|sensing| sensing.senses(self)),
+        }
     }
 }

@@ -16,13 +16,14 @@
 //! at silhouettes are ignored, and what else moves in sight stands still to it: the gradient is biased by both.
 
 use super::Env;
-use super::block::{Columns, EnvBlock, Workspace, episode_state};
+use super::block::{Columns, EnvBlock, Workspace};
+use super::core::Core;
 use super::mask::lanes_of;
 use super::sensing::{POSE, SLOPE, Sloped};
 use super::transition::{self, StepLayout};
-use crate::autodiff::Program;
 use crate::autodiff::lanes::{to_columns, to_rows};
 use crate::autodiff::program::{BLOCK, BlockWorkspace};
+use crate::autodiff::{Program, Recording};
 use crate::error::{Error, Result};
 use crate::memory::Request;
 use crate::parallel::{Divide, Threads};
@@ -60,33 +61,36 @@ impl Slot {
     }
 
     /// Before the step.
-    pub(crate) fn open(&mut self, p: &StepLayout, block: &EnvBlock, running: u64) {
+    pub(crate) fn open(&mut self, p: &StepLayout, core: &Core, block: &EnvBlock, running: u64) {
         (self.running, self.moved) = (running, block.moved);
-        for (place, rows) in [
-            (&p.state, &block.plant.rows),
-            (&p.task_state, &block.task_state),
-            (&p.line, &block.line),
-            (&p.history, &block.history),
-            (&p.parameters, &block.theta),
-            (&p.goal, &block.goal),
-            (&p.wind, &block.air),
-        ] {
-            copy(&mut self.arguments[place.clone()], rows, block.plant.occupied);
+        let n = block.plant.occupied;
+        copy(&mut self.arguments[p.state.clone()], &block.plant.rows, n);
+        for (place, part) in p.of_kept(&core.layout.kept) {
+            copy(&mut self.arguments[place], part.of(&block.kept), n);
         }
-        for (at, k) in p.time.clone().zip([episode_state::STEP, episode_state::OFFSET, episode_state::DELAY]) {
-            self.arguments[at] = block.episode_state[k];
+        for (at, row) in p.time.clone().zip(StepLayout::CLOCK) {
+            self.arguments[at] = block.kept[row];
         }
     }
 
     /// Actions as they came, the goal and the noise of the observation behind the step, and where physics went well.
-    pub(crate) fn close(&mut self, p: &StepLayout, block: &EnvBlock, work: &Workspace, ended: u64, alive: u64) {
+    pub(crate) fn close(
+        &mut self,
+        p: &StepLayout,
+        core: &Core,
+        block: &EnvBlock,
+        work: &Workspace,
+        ended: u64,
+        alive: u64,
+    ) {
         self.ended = ended;
         self.running &= alive;
+        let (kept, working) = (&core.layout.kept, &core.layout.work);
         for (place, rows) in [
-            (&p.action, &work.action),
-            (&p.next_goal, &block.goal),
-            (&p.readings, &block.readings),
-            (&p.noise, &work.noise),
+            (&p.action, working.action.of(&work.rows)),
+            (&p.next_goal, kept.goal.of(&block.kept)),
+            (&p.readings, kept.readings.of(&block.kept)),
+            (&p.noise, working.noise.of(&work.rows)),
         ] {
             copy(&mut self.arguments[place.clone()], rows, block.plant.occupied);
         }
@@ -257,6 +261,25 @@ impl Env {
         StepLayout::of(&self.core)
     }
 
+    /// One step as it is recorded for gradients: from arguments to results of [`Env::layout`]. Walked over node by node
+    /// ([`Recording::evaluate`]) it is the witness of [`Env::program`] and of adjoints.
+    ///
+    /// # Errors
+    /// [`Error::Value`] where controllers fly beside the actions.
+    pub fn recording(&self) -> Result<Recording> {
+        self.check_differentiable()?;
+        Ok(self.core.record(&self.layout()))
+    }
+
+    /// The same as a program, which [`Env::evaluate`] and [`Env::jacobian`] run; made in the first call.
+    ///
+    /// # Errors
+    /// As [`Env::recording`]; [`Error::Limit`] if it is too large.
+    pub fn program(&self) -> Result<&Program> {
+        self.check_differentiable()?;
+        self.core.program(&self.layout())
+    }
+
     /// The adjoint of a step, recorded once and compiled: milliseconds for a vehicle, up to seconds for a team. With
     /// `parameters`, sweeps also give gradients with respect to the numbers that differ between environments.
     ///
@@ -272,10 +295,7 @@ impl Env {
     /// As there.
     pub fn adjoint_of(&self, parameters: bool, seeds: Seeds) -> Result<Adjoint> {
         self.check_differentiable()?;
-        if self.spec.config.actions != ActionSpace::Continuous {
-            let remedy = "Whole numbers have no gradient: leave `actions` out.";
-            return Err(Error::value("actions", "discrete", "continuous for gradients", remedy));
-        }
+        self.check_continuous()?;
         let layout = self.layout();
         let recording = self.core.record(&layout);
         let wanted = if parameters { layout.parameters.end } else { layout.action.end };
@@ -304,6 +324,14 @@ impl Env {
         })))
     }
 
+    fn check_continuous(&self) -> Result<()> {
+        if self.spec.config.actions == ActionSpace::Continuous {
+            return Ok(());
+        }
+        let remedy = "Whole numbers have no gradient: leave `actions` out.";
+        Err(Error::value("actions", "discrete", "continuous for gradients", remedy))
+    }
+
     /// Gradients know actions, not the controllers beside them.
     fn check_differentiable(&self) -> Result<()> {
         if self.core.residual.is_none() {
@@ -317,9 +345,10 @@ impl Env {
     /// ([`StepLayout`] up to `noise`) and six for each reading whose gradient is followed, and 1 byte of book-keeping; for whole blocks of 64 environments.
     ///
     /// # Errors
-    /// [`Error::Limit`] before any allocation if that is more than
+    /// [`Error::Value`] for discrete actions; [`Error::Limit`] before any allocation if that is more than
     /// [`EnvConfig::memory_limit`](crate::tasks::EnvConfig::memory_limit).
     pub fn tape(&self, horizon: usize) -> Result<Tape> {
+        self.check_continuous()?;
         let (layout, n_block) = (self.layout(), self.blocks.len());
         let request = Request {
             what: "horizon of the tape",
@@ -368,8 +397,9 @@ impl Env {
         }
         let (block, lane) = (&self.blocks[environment / BLOCK], environment % BLOCK);
         let mut slot = Slot::new(&layout);
-        slot.open(&layout, block, u64::MAX);
-        copy(&mut slot.arguments[layout.next_goal.clone()], &block.goal, block.plant.occupied);
+        slot.open(&layout, &self.core, block, u64::MAX);
+        let goal = self.core.layout.kept.goal.of(&block.kept);
+        copy(&mut slot.arguments[layout.next_goal.clone()], goal, block.plant.occupied);
         let mut z: Vec<f64> = slot.arguments.iter().map(|row| f64::from(row[lane])).collect();
         z[layout.action.clone()].copy_from_slice(action);
         z.extend(self.core.frozen.iter());

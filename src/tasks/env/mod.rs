@@ -7,12 +7,14 @@
 //! | `buffers` | where a step writes |
 //! | `limits` | whether a batch fits into memory |
 //! | `core` | what all environments share |
-//! | `step` | the order of a step |
-//! | `stepper` | its phases for sixty-four environments in lanes, then ends and restarts |
+//! | `layout` | where their numbers stand |
+//! | `phases` | a step, over recorded numbers |
+//! | `inside` | a step phase by phase, to look at |
+//! | `programs` | its phases as programs over rows |
+//! | `stepper` | sixty-four environments: programs, what stands between them, ends and restarts |
 //! | `control` | from an agent's numbers to rotor actions |
 //! | `residual` | controllers whose commands actions change |
-//! | `evaluate_step` | the task's part of a step |
-//! | `transform` | delay lines, transforms of observations |
+//! | `transform` | noise and statistics of observations |
 //! | `restart` | episodes begin, goals change |
 //! | `sensing` | sensors of the agents |
 //! | `rows` | columns of a block into rows of the caller |
@@ -20,9 +22,8 @@
 //! | `normaliser` | statistics of observations: collect, freeze, merge |
 //! | `snapshot` | the exact state as bytes |
 //! | `block` | what sixty-four environments hold |
-//! | `transition` | the same phases for one environment over any scalar, for gradients |
+//! | `transition` | the phases as the function that gradients are taken of |
 //! | `gradient` | tapes, sweeps, Jacobians |
-//! | `engine` | the door to tasks |
 //! | `single` | one environment, for newcomers |
 //! | `check` | whether an environment keeps its contract |
 
@@ -31,12 +32,14 @@ pub(crate) mod buffers;
 pub(crate) mod check;
 pub(crate) mod control;
 pub(crate) mod core;
-pub(crate) mod engine;
-pub(crate) mod evaluate_step;
 pub(crate) mod gradient;
+pub(crate) mod inside;
+pub(crate) mod layout;
 mod limits;
 mod mask;
 mod normaliser;
+pub(crate) mod phases;
+pub(crate) mod programs;
 pub(crate) mod residual;
 mod restart;
 mod rows;
@@ -44,7 +47,6 @@ mod sensing;
 pub(crate) mod single;
 mod snapshot;
 pub(crate) mod spec;
-mod step;
 mod stepper;
 #[cfg(test)]
 mod tests;
@@ -53,18 +55,20 @@ pub(crate) mod transition;
 
 pub use buffers::{Buffers, StepOut};
 pub use gradient::{Adjoint, Cotangents, Jacobian, Seeds, Sweep, SweepOptions, Tape};
+pub use inside::PhaseByPhase;
 pub use normaliser::Pending;
 pub(crate) use normaliser::VARIANCE_FLOOR;
 pub use spec::{AgentWidths, Column, Info, Space, Spec};
 pub use transition::StepLayout;
 
-use self::block::{EnvBlock, Sizes, Workspace};
+use self::block::{Columns, EnvBlock, Sizes, Workspace};
 use self::buffers::Span;
 use self::control::{Control, LATCHED_PER_AGENT};
 use self::core::Core;
-use self::engine::Engine;
 use self::gradient::BlockTape;
+use self::layout::EnvLayout;
 use self::limits::{bytes_per_env, check_memory, out_bytes};
+use self::programs::Programs;
 use self::residual::{Residual, check_reference};
 use self::sensing::Sensing;
 use self::spec::spec_of;
@@ -84,7 +88,7 @@ use crate::tasks::any_task::declare;
 use crate::tasks::config::{EnvConfig, check_difficulty};
 use crate::tasks::observation::{Extent, Pipeline, Statistics};
 use crate::tasks::randomise::Randomiser;
-use crate::tasks::task::{MAX_ENDS, MAX_TERMS, Task, TaskReference};
+use crate::tasks::task::{Task, TaskReference};
 use crate::tasks::task_spec::{TaskSpec, total};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
@@ -126,11 +130,11 @@ impl Env {
     /// # Errors
     /// [`Error::Limit`] before any large allocation if the batch needs more than
     /// [`EnvConfig::memory_limit`]; [`Error::Value`] for settings that do not fit the task.
-    pub fn of(task: impl Task, name: &str, config: &EnvConfig) -> Result<Self> {
-        Self::of_engine(Box::new(task), name, config)
+    pub fn of(task: impl Task + 'static, name: &str, config: &EnvConfig) -> Result<Self> {
+        Self::of_task(Box::new(task), name, config)
     }
 
-    fn of_engine(engine: Box<dyn Engine>, name: &str, config: &EnvConfig) -> Result<Self> {
+    fn of_task(task: Box<dyn Task>, name: &str, config: &EnvConfig) -> Result<Self> {
         // what a configuration leaves to the task, a task of one's own leaves out
         let config = &EnvConfig {
             randomise: Some(config.changes().to_vec()),
@@ -138,19 +142,12 @@ impl Env {
             ..config.clone()
         };
         config.validate()?;
-        EnvConfig::check_horizon(engine.horizon())?;
-        let mut own = declare(&*engine)?;
-        let drones = engine.robot().drones();
+        EnvConfig::check_horizon(task.horizon())?;
+        let mut own = declare(&*task)?;
+        let drones = task.robot().drones();
         let n_rotor: usize = drones.iter().map(|drone| drone.rotors.len()).sum();
         own.take_off_throttle_change(config.throttle_change, n_rotor as f64 / drones.len() as f64);
-        for (what, n, most) in
-            [("terms of the reward", own.reward.len(), MAX_TERMS), ("ends", own.ends.len(), MAX_ENDS)]
-        {
-            if n > most {
-                return Err(Error::limit(format!("task {name}: {what}"), n, most, "Sum some of them."));
-            }
-        }
-        let robot = engine.robot();
+        let robot = task.robot();
         let randomiser = Randomiser::new(config.changes(), robot)?;
         let mut varied: Vec<usize> = robot.varied().iter().copied().chain(randomiser.varied()).collect();
         varied.sort_unstable();
@@ -158,16 +155,17 @@ impl Env {
         let nominal = robot.parameters();
         let (names, domains) = (robot.parameter_names(), robot.parameter_domains());
         let theta: Vec<_> = varied.iter().map(|k| (names[*k].clone(), nominal[*k], domains[*k])).collect();
-        let sensing = Sensing::of(config, &*engine)?;
+        let sensing = Sensing::of(config, &*task)?;
         let (mut shown, reading) = (own.observation.clone(), sensing.as_ref().map_or(0, |sensing| sensing.n));
         shown.extend(sensing.iter().flat_map(|sensing| sensing.fields.iter().cloned()));
         let extent = Extent::of(&config.observation, total(&shown), theta.len())?;
         let residual = Residual::of(config, robot)?;
-        let control = Control::new(config, robot)?;
-        let n_agent = engine.n_agent();
+        let n_agent = task.n_agent();
+        let control = Control::new(config, robot, n_agent)?;
+        let pipeline = Pipeline::new(&config.observation, &shown, &theta)?;
         let sizes = Sizes {
             term: own.reward.len(),
-            hold: ((own.success.held / config.dt).round() as usize).min(engine.horizon()),
+            hold: ((own.success.held / config.dt).round() as usize).min(task.horizon()),
             end: own.ends.len(),
             metric: own.metrics.len(),
             goal: total(&own.goal),
@@ -188,6 +186,7 @@ impl Env {
             rotor: n_rotor,
             held: n_agent * LATCHED_PER_AGENT,
             normalised: extent.normalised.unwrap_or(0),
+            noise: pipeline.noise,
         };
         // numbers that vary may leave zero, so nothing may be left out
         let plant = match robot.plant() {
@@ -197,18 +196,20 @@ impl Env {
         let n_env = config.n_env;
         let bytes = bytes_per_env(&plant, &sizes) + sensing.as_ref().map_or(0, Sensing::bytes);
         check_memory(n_env, bytes + out_bytes(&sizes), config.memory_limit)?;
-        let pipeline = Pipeline::new(&config.observation, &shown, &theta)?;
         let speeds = robot.drones().iter().flat_map(|d| d.rotors.iter().map(|r| r.speed)).collect();
-        let disturbance_rows = robot.disturbances().iter().map(|k| plant.input_row(*k)).collect();
         let privileged = theta.into_iter().map(|(name, value, _)| (name, value)).collect();
-        let spec = spec_of(name, config, engine.horizon(), &own, &sizes, &pipeline, &control, privileged, bytes);
+        let spec = spec_of(name, config, task.horizon(), &own, &sizes, &pipeline, &control, privileged, bytes);
         let statistics = Statistics::of_nothing(sizes.normalised);
         let rest = robot.rest().to_vec();
         let (limits, hover_input) = (config.bounds.limits(robot.plant()), robot.hover_input());
+        let layout = EnvLayout::of(&sizes);
         let core = Core {
             exposed: exposed(robot, !varied.is_empty()),
             statistics: statistics.clone(),
             frozen: Arc::default(),
+            shared: Columns::zeros(layout.shared.count),
+            layout,
+            programs: OnceLock::new(),
             collects: true,
             delay: (config.delay.min, config.delay.max),
             mode: config.autoreset,
@@ -218,8 +219,7 @@ impl Env {
             config_hash: config_hash(name, config, &varied),
             program: OnceLock::new(),
             task_spec: own,
-            engine,
-            plant,
+            task,
             control,
             residual,
             sensing,
@@ -232,19 +232,22 @@ impl Env {
             randomiser,
             difficulty: config.difficulty,
             easier: config.easier,
+            varying: plant.varying(&nominal, &varied),
+            plant,
             varied,
             nominal,
-            disturbance_rows,
             speed_rows: speeds,
         };
         check_reference(&core, name)?;
+        let programs = Programs::of(&core)?;
+        let core = Core { programs: programs.into(), ..core };
         let mut block = EnvBlock::new(core.plant.block(&rest, BLOCK), &sizes);
         block.seed = [config.seed; BLOCK];
         // until its first reset an environment stands still; lanes behind the last one always do
         block.plant.rows[core.plant.alive_row()] = [STOPPED; BLOCK];
         if sizes.theta > 0 {
             core.plant.give_parameters(&mut block.plant);
-            for (row, k) in block.theta.iter_mut().zip(&core.varied) {
+            for (row, k) in core.layout.kept.theta.of_mut(&mut block.kept).iter_mut().zip(&core.varied) {
                 *row = [core.nominal[*k] as f32; BLOCK];
             }
         }
@@ -261,7 +264,8 @@ impl Env {
         Ok(env)
     }
 
-    /// Steps on these threads from now on, with memory for each of them: later steps allocate nothing.
+    /// Steps on these threads from now on, with memory for each of them: later steps allocate nothing, but where physics give up for
+    /// the first time, which is looked into.
     pub fn set_threads(&mut self, threads: Threads) {
         let n = threads.count().min(self.blocks.len().div_ceil(BLOCKS_PER_PART)).max(1);
         let core = &self.core;
@@ -419,7 +423,7 @@ impl Env {
     pub fn state(&self, environment: usize) -> Result<Vec<f32>> {
         self.check_environment(environment)?;
         let (block, lane) = (&self.blocks[environment / BLOCK], environment % BLOCK);
-        Ok((0..self.core.engine.robot().n_state()).map(|k| block.plant.rows[k][lane]).collect())
+        Ok((0..self.core.task.robot().n_state()).map(|k| block.plant.rows[k][lane]).collect())
     }
 
     /// What broke where the simulation of one environment last [`diverged`](Spec::diverged): of a state beyond the
@@ -439,7 +443,7 @@ impl Env {
     /// As [`Env::state`]; [`Error::Value`] for a wrong length or a number that is not finite.
     pub fn set_state(&mut self, environment: usize, state: &[f32]) -> Result<()> {
         self.check_environment(environment)?;
-        let n = self.core.engine.robot().n_state();
+        let n = self.core.task.robot().n_state();
         if state.len() != n {
             return Err(Error::value("length of state", state.len(), n.to_string(), "Take it from Env::state."));
         }
@@ -457,7 +461,7 @@ impl Env {
     pub fn goal(&self, environment: usize) -> Result<Vec<f32>> {
         self.check_environment(environment)?;
         let (block, lane) = (&self.blocks[environment / BLOCK], environment % BLOCK);
-        Ok(block.goal.iter().map(|row| row[lane]).collect())
+        Ok(self.core.layout.kept.goal.of(&block.kept).iter().map(|row| row[lane]).collect())
     }
 
     /// What stands around in one environment, world: [`Scene::solids`](crate::dynamics::scene::Scene::solids) of the task's
@@ -467,9 +471,9 @@ impl Env {
     /// As [`Env::state`].
     pub fn solids(&self, environment: usize) -> Result<Vec<Shape>> {
         let goal: Vec<f64> = self.goal(environment)?.into_iter().map(f64::from).collect();
-        let scene = self.core.engine.scene();
+        let scene = self.core.task.scene();
         let mut placement = scene.nominal_placement();
-        self.core.engine.place_scene(&goal, &mut placement);
+        self.core.task.place_scene(&goal, &mut placement);
         Ok(scene.solids(&placement))
     }
 
@@ -481,7 +485,7 @@ impl Env {
         self.check_environment(environment)?;
         let (block, lane) = (&self.blocks[environment / BLOCK], environment % BLOCK);
         let mut numbers = self.core.nominal.clone();
-        for (row, k) in block.theta.iter().zip(&self.core.varied) {
+        for (row, k) in self.core.layout.kept.theta.of(&block.kept).iter().zip(&self.core.varied) {
             numbers[*k] = f64::from(row[lane]);
         }
         Ok(numbers)
@@ -506,7 +510,7 @@ impl Env {
     pub fn goals_into(&self, rows: &mut [f32]) -> Result<()> {
         let n = self.core.sizes.goal;
         self.check_rows("goals", n, rows.len())?;
-        self.columns_into(|block| &block.goal, n, rows);
+        self.columns_into(|block| self.core.layout.kept.goal.of(&block.kept), n, rows);
         Ok(())
     }
 
@@ -519,7 +523,7 @@ impl Env {
         self.check_rows("numbers", nominal.len(), rows.len())?;
         for (i, own) in rows.chunks_exact_mut(nominal.len()).enumerate() {
             own.copy_from_slice(nominal);
-            let theta = self.blocks[i / BLOCK].theta.iter().zip(&self.core.varied);
+            let theta = self.core.layout.kept.theta.of(&self.blocks[i / BLOCK].kept).iter().zip(&self.core.varied);
             theta.for_each(|(row, k)| own[*k] = f64::from(row[i % BLOCK]));
         }
         Ok(())
@@ -594,7 +598,7 @@ impl Env {
 
     /// What flies.
     pub fn robot(&self) -> &super::robot::Robot {
-        self.core.engine.robot()
+        self.core.task.robot()
     }
 
     /// What the task says about itself.

@@ -5,6 +5,7 @@
 //! them. Evaluation: `set_statistics` alone.
 
 use super::Env;
+use crate::autodiff::program::BLOCK;
 use crate::error::{Error, Result, finite};
 use crate::tasks::observation::Statistics;
 
@@ -100,6 +101,8 @@ impl Env {
     pub(super) fn freeze(&mut self, statistics: Statistics) {
         let inverse = statistics.variance.iter().map(|v| 1.0 / (v + VARIANCE_FLOOR).sqrt());
         self.core.frozen = statistics.mean.iter().copied().chain(inverse).collect();
+        let rows = self.core.layout.shared.statistics.of_mut(&mut self.core.shared);
+        rows.iter_mut().zip(&*self.core.frozen).for_each(|(row, x)| *row = [*x as f32; BLOCK]);
         self.core.statistics = statistics;
     }
 }

@@ -7,6 +7,7 @@
 use super::block::take;
 use super::block::{EnvBlock, episode_state};
 use super::core::Core;
+use super::layout::Kept;
 use super::mask::lanes_of;
 use super::transition;
 use crate::autodiff::program::BLOCK;
@@ -78,9 +79,9 @@ impl Lead {
     pub(crate) fn add_to(&mut self, command: &mut [[f32; BLOCK]], core: &Core, block: &mut EnvBlock, lanes: u64) {
         let Some(own) = &core.residual else { return };
         for lane in lanes_of(lanes) {
-            let reference =
-                block.references[lane].get_or_insert_with(|| Box::new(reference(core, &block.beginning, lane)));
-            let time = f64::from(block.episode_state[episode_state::STEP][lane]) * own.dt;
+            let reference = block.references[lane]
+                .get_or_insert_with(|| Box::new(reference(core, core.layout.kept.beginning.of(&block.kept), lane)));
+            let time = f64::from(block.kept[episode_state::STEP][lane]) * own.dt;
             take(&block.plant.rows, lane, &mut self.state);
             self.crew.fly(core.robot(), reference, time, &self.state, &mut self.input);
             for (row, place) in command.iter_mut().zip(&own.places) {
@@ -113,11 +114,12 @@ pub(crate) fn check_reference(core: &Core, task: &str) -> Result<()> {
 
 impl EnvBlock {
     /// Keeps what the reference of a lane's new episode follows from.
-    pub(crate) fn keep_beginning(&mut self, lane: usize) {
-        if let Some(own) = self.references.get_mut(lane) {
-            *own = None;
-            let from = self.plant.rows[..self.beginning.len() - self.goal.len()].iter().chain(&self.goal);
-            self.beginning.iter_mut().zip(from).for_each(|(row, now)| row[lane] = now[lane]);
-        }
+    pub(crate) fn keep_beginning(&mut self, layout: &Kept, lane: usize) {
+        let Some(own) = self.references.get_mut(lane) else { return };
+        *own = None;
+        let n_state = layout.beginning.len() - layout.goal.len();
+        let from = self.plant.rows[..n_state].iter().chain(layout.goal.of(&self.kept));
+        let now: Vec<f32> = from.map(|row| row[lane]).collect();
+        layout.beginning.of_mut(&mut self.kept).iter_mut().zip(now).for_each(|(row, x)| row[lane] = x);
     }
 }

@@ -80,26 +80,25 @@ impl Stepper<'_> {
         let (block, draft, difficulty) = (&mut *self.block, &mut self.work.draft, core.difficulty_of(key));
         draft.clear(core);
         let mut start = draft.start(core, streams(key[0], key[1], key[2]), f64::INFINITY, difficulty);
-        core.engine.start(&mut start);
+        core.task.start(&mut start);
         let (event_at, mut wind) = (start.event_at, [0.0; 3]);
         core.randomiser.apply(key, difficulty, &mut draft.numbers, &mut wind);
         core.randomiser.hover(core.robot().rest(), &draft.numbers, &mut draft.state);
-        for row in &mut block.episode_state {
-            row[lane] = 0.0;
-        }
+        let layout = &core.layout.kept;
+        layout.episode_state.of_mut(&mut block.kept).iter_mut().for_each(|row| row[lane] = 0.0);
         let offset = core.offset(key);
-        block.episode_state[episode_state::OFFSET][lane] = offset;
-        block.episode_state[episode_state::LAST][lane] = core.last_step(key, offset);
-        block.episode_state[episode_state::RUNNING][lane] = 1.0;
-        block.episode_state[episode_state::EVENT][lane] = event_at.min(f64::from(f32::MAX)) as f32;
-        block.episode_state[episode_state::DELAY][lane] = core.delay_of(key);
-        for (k, row) in block.line.iter_mut().enumerate() {
+        block.kept[episode_state::OFFSET][lane] = offset;
+        block.kept[episode_state::LAST][lane] = core.last_step(key, offset);
+        block.kept[episode_state::RUNNING][lane] = 1.0;
+        block.kept[episode_state::EVENT][lane] = event_at.min(f64::from(f32::MAX)) as f32;
+        block.kept[episode_state::DELAY][lane] = core.delay_of(key);
+        for (k, row) in layout.line.of_mut(&mut block.kept).iter_mut().enumerate() {
             row[lane] = core.control.safe[k % core.control.safe.len()] as f32;
         }
-        block.history.iter_mut().for_each(|row| row[lane] = 0.0);
+        layout.history.of_mut(&mut block.kept).iter_mut().for_each(|row| row[lane] = 0.0);
         block.started |= 1 << lane;
         self.install(lane, wind);
-        self.block.keep_beginning(lane);
+        self.block.keep_beginning(layout, lane);
     }
 
     /// Copies the numbers of a start into a lane.
@@ -107,16 +106,18 @@ impl Stepper<'_> {
         let (core, block, draft) = (self.core, &mut *self.block, &self.work.draft);
         put(&mut block.plant.rows, lane, &draft.state);
         block.plant.rows[core.plant.alive_row()][lane] = ALIVE;
-        put(&mut block.goal, lane, &draft.goal);
-        put(&mut block.task_state, lane, &draft.task_state);
-        put(&mut block.air, lane, &wind);
+        let (layout, kept) = (&core.layout.kept, &mut block.kept);
+        put(layout.goal.of_mut(kept), lane, &draft.goal);
+        put(layout.task_state.of_mut(kept), lane, &draft.task_state);
+        put(layout.air.of_mut(kept), lane, &wind);
         if !core.varied.is_empty() {
             core.plant.set_numbers(&mut block.plant, lane, &draft.numbers, &core.varied);
-            for (row, k) in block.theta.iter_mut().zip(&core.varied) {
+            for (row, k) in layout.theta.of_mut(kept).iter_mut().zip(&core.varied) {
                 row[lane] = draft.numbers[*k] as f32;
             }
         }
-        for (row, speed) in self.work.speeds.iter_mut().zip(&core.speed_rows) {
+        let speeds = core.layout.work.speeds.of_mut(&mut self.work.rows);
+        for (row, speed) in speeds.iter_mut().zip(&core.speed_rows) {
             row[lane] = block.plant.rows[*speed][lane];
         }
     }
@@ -126,28 +127,28 @@ impl Stepper<'_> {
         let (core, key) = (self.core, self.key(lane));
         let [seed, environment, episode] = key;
         let (block, draft) = (&mut *self.block, &mut self.work.draft);
-        let step = block.episode_state[episode_state::STEP][lane];
+        let step = block.kept[episode_state::STEP][lane];
         // an event draws far fewer than 256 words
         let stream = |purpose: Purpose| Stream::restore([seed, environment, episode, purpose.0], 256 * step as u64);
         take(&block.plant.rows, lane, &mut draft.state);
-        take(&block.goal, lane, &mut draft.goal);
-        take(&block.task_state, lane, &mut draft.task_state);
+        let layout = &core.layout.kept;
+        take(layout.goal.of(&block.kept), lane, &mut draft.goal);
+        take(layout.task_state.of(&block.kept), lane, &mut draft.task_state);
         draft.numbers.copy_from_slice(&core.nominal);
-        for (row, k) in block.theta.iter().zip(&core.varied) {
+        for (row, k) in layout.theta.of(&block.kept).iter().zip(&core.varied) {
             draft.numbers[*k] = f64::from(row[lane]);
         }
         let streams = [Purpose::user(0x0e11), Purpose::DISTURBANCE, Purpose::user(0x0e12)].map(stream);
         // the step count, for tasks that say when the next one comes
         let mut start = draft.start(core, streams, f64::from(step), core.difficulty_of(key));
-        core.engine.event(&mut start);
+        core.task.event(&mut start);
         let next = start.event_at;
-        block.episode_state[episode_state::EVENT][lane] =
-            if next > f64::from(step) { next.min(1e30) as f32 } else { f32::MAX };
-        put(&mut block.goal, lane, &draft.goal);
-        put(&mut block.task_state, lane, &draft.task_state);
+        block.kept[episode_state::EVENT][lane] = if next > f64::from(step) { next.min(1e30) as f32 } else { f32::MAX };
+        put(layout.goal.of_mut(&mut block.kept), lane, &draft.goal);
+        put(layout.task_state.of_mut(&mut block.kept), lane, &draft.task_state);
         // what was drawn in f64 keeps its bits unless the task changed a number
         let mut changed = false;
-        for (row, k) in block.theta.iter_mut().zip(&core.varied) {
+        for (row, k) in layout.theta.of_mut(&mut block.kept).iter_mut().zip(&core.varied) {
             let value = draft.numbers[*k] as f32;
             changed |= row[lane].to_bits() != value.to_bits();
             row[lane] = value;
@@ -165,13 +166,13 @@ impl Core {
         if !self.stagger || episode != 1 {
             return 0.0;
         }
-        Stream::new(seed, environment, episode, STAGGER).below(self.engine.horizon() as u64) as f32
+        Stream::new(seed, environment, episode, STAGGER).below(self.task.horizon() as u64) as f32
     }
 
     /// The step with which time is over: that at which the clock comes to T, or an earlier one drawn from the geometric
     /// distribution of mean `truncate_after`.
     fn last_step(&self, [seed, environment, episode]: [u64; 3], offset: f32) -> f32 {
-        let left = self.engine.horizon() as f32 - offset;
+        let left = self.task.horizon() as f32 - offset;
         if self.truncate_after == 0 {
             return left;
         }

@@ -1,6 +1,6 @@
 //! What leaves a block: columns of its environments into rows of the caller's arrays.
 
-use super::block::{episode_state, signal};
+use super::block::{Workspace, episode_state, signal};
 use super::buffers::StepOut;
 use super::stepper::Stepper;
 use crate::autodiff::lanes::to_rows;
@@ -9,8 +9,9 @@ use crate::autodiff::program::BLOCK;
 impl Stepper<'_> {
     /// Reward, flags and information of every environment.
     pub(crate) fn write_signals(&mut self, out: &mut StepOut<'_>) {
-        let (n, s, episode_state, signals) =
-            (self.n(), &self.core.sizes, &self.block.episode_state, &self.work.signals);
+        let (n, s, layout) = (self.n(), &self.core.sizes, &self.core.layout);
+        let Workspace { rows, info, .. } = &mut *self.work;
+        let (episode, signals) = (&self.block.kept, layout.work.signals.of(rows));
         if s.agent == 1 {
             out.reward.copy_from_slice(&signals[signal::REWARD][..n]);
         } else {
@@ -21,12 +22,12 @@ impl Stepper<'_> {
             flags.iter_mut().zip(&signals[of]).for_each(|(flag, x)| *flag = u8::from(*x > 0.5));
         }
         if !out.info.is_empty() {
-            let (mut at, info) = (0, &mut self.work.info);
+            let mut at = 0;
             for group in [
-                &episode_state[episode_state::INFO],
+                &episode[episode_state::INFO],
                 &signals[signal::INFO],
-                &episode_state[episode_state::TERMS..][..s.term],
-                &self.work.metrics[..],
+                &episode[episode_state::TERMS..][..s.term],
+                layout.work.metrics.of(rows),
             ] {
                 info[at..at + group.len()].copy_from_slice(group);
                 at += group.len();
@@ -39,8 +40,8 @@ impl Stepper<'_> {
     pub(crate) fn write_observation(&self, out: &mut StepOut<'_>) {
         for (columns, rows) in [
             (self.shown(), &mut out.observation),
-            (&self.work.central, &mut out.central),
-            (&self.block.theta, &mut out.privileged),
+            (self.central(), &mut out.central),
+            (self.theta(), &mut out.privileged),
         ] {
             to_rows(columns, self.n(), rows);
         }
@@ -49,15 +50,15 @@ impl Stepper<'_> {
     /// What an episode ended with.
     pub(crate) fn write_end(&self, lane: usize, out: &mut StepOut<'_>) {
         write_row(self.shown(), lane, out.final_observation);
-        write_row(&self.work.central, lane, out.final_central);
+        write_row(self.central(), lane, out.final_central);
     }
 
     /// What an episode begins with.
     pub(crate) fn write_start(&self, lane: usize, out: &mut StepOut<'_>) {
         self.clear(lane, out);
         write_row(self.shown(), lane, out.observation);
-        write_row(&self.work.central, lane, out.central);
-        write_row(&self.block.theta, lane, out.privileged);
+        write_row(self.central(), lane, out.central);
+        write_row(self.theta(), lane, out.privileged);
     }
 
     /// A first step: nothing was rewarded, nothing ended.
@@ -72,7 +73,16 @@ impl Stepper<'_> {
 
     /// Observations as they leave.
     fn shown(&self) -> &[[f32; BLOCK]] {
-        if self.core.pipeline.is_empty() { &self.work.raw } else { &self.work.observation }
+        let work = &self.core.layout.work;
+        if self.core.pipeline.is_empty() { work.raw } else { work.observation }.of(&self.work.rows)
+    }
+
+    fn central(&self) -> &[[f32; BLOCK]] {
+        self.core.layout.work.central.of(&self.work.rows)
+    }
+
+    fn theta(&self) -> &[[f32; BLOCK]] {
+        self.core.layout.kept.theta.of(&self.block.kept)
     }
 }
 

@@ -8,11 +8,10 @@
 use super::Env;
 use super::block::{Columns, EnvBlock, take};
 use super::core::Core;
-use super::engine::Engine;
 use super::mask::lanes_of;
 use super::stepper::Stepper;
+use crate::autodiff::System;
 use crate::autodiff::program::BLOCK;
-use crate::autodiff::{StridedView, System};
 use crate::dynamics::frame::{FRAME, Frame};
 use crate::dynamics::sensors::cast::World;
 use crate::dynamics::sensors::solids::{Solids, Surroundings};
@@ -21,6 +20,7 @@ use crate::dynamics::sensors::{self, Eyes, SensorConfig, SensorSet, Sight, Truth
 use crate::dynamics::tree::contact_forces_with;
 use crate::error::{Error, Result};
 use crate::tasks::config::EnvConfig;
+use crate::tasks::task::Task;
 use crate::tasks::task_spec::{Field, Layout, Smoothness};
 
 /// Most numbers that one agent's sensors read.
@@ -97,8 +97,8 @@ impl Sensing {
     ///
     /// # Errors
     /// As [`SensorSet::new`]; [`Error::Limit`] for more than [`MAX_READINGS`] numbers.
-    pub(crate) fn of(config: &EnvConfig, engine: &dyn Engine) -> Result<Option<Self>> {
-        let (configs, robot) = (config.sensors(), engine.robot());
+    pub(crate) fn of(config: &EnvConfig, task: &dyn Task) -> Result<Option<Self>> {
+        let (configs, robot) = (config.sensors(), task.robot());
         if configs.is_empty() {
             return Ok(None);
         }
@@ -113,13 +113,13 @@ impl Sensing {
             };
             SensorSet::new(&configs.iter().map(of_agent).collect::<Vec<_>>(), config.dt, &bodies)
         };
-        let sets = (0..engine.n_agent()).map(own).collect::<Result<Vec<_>>>()?;
+        let sets = (0..task.n_agent()).map(own).collect::<Result<Vec<_>>>()?;
         let n = sets[0].readings().len();
         if n > MAX_READINGS {
             let remedy = "Take fewer beams or pixels, or let a camera pool them.";
             return Err(Error::limit("sensor: numbers that one agent reads", n, MAX_READINGS, remedy));
         }
-        let around = Surroundings::of(&engine.scene(), robot.plant());
+        let around = Surroundings::of(&task.scene(), robot.plant());
         let mut world = World::default();
         world.fill(&around.scene, &around.scene.nominal_placement())?;
         let mut carriers: Vec<usize> = sets.iter().flat_map(|set| set.sensors().iter().map(|s| s.body())).collect();
@@ -204,7 +204,7 @@ impl Sensing {
         if senses.records {
             self.keep_slopes(&sensors.sets, frames, lane, &mut senses.slopes);
         }
-        block.keep_readings(self.n, lane);
+        block.keep_readings(core, self.n, lane);
     }
 
     /// How one environment's readings change with poses, and the attitudes that turns are taken from.
@@ -251,7 +251,7 @@ fn sloped(sets: &[SensorSet]) -> (Vec<Sloped>, Vec<usize>) {
 fn frame(frames: &[[f32; BLOCK]], body: usize, lane: usize) -> Frame<f64> {
     let mut numbers = [0.0; FRAME];
     take(&frames[body * FRAME..][..FRAME], lane, &mut numbers);
-    Frame::read(&StridedView::of(&numbers))
+    Frame::read(&numbers)
 }
 
 /// What a sensor reads, as fields of the observation: an image or scan is one, other numbers are one per quantity.
@@ -297,9 +297,14 @@ fn quantity(channel: &str) -> &str {
 impl Stepper<'_> {
     /// Keeps where bodies are before a step, as accelerations are means over it; and slopes in it, if it is recorded.
     pub(crate) fn keep_frames(&mut self, records: bool) {
+        if self.work.senses.is_none() {
+            return;
+        }
+        self.find_frames(u64::MAX);
+        let frames = self.core.layout.work.frames.of(&self.work.rows);
         if let Some(senses) = &mut self.work.senses {
             senses.records = records;
-            self.core.plant.frames(&self.block.plant, u64::MAX, &mut senses.before);
+            senses.before.copy_from_slice(frames);
         }
     }
 
@@ -307,13 +312,14 @@ impl Stepper<'_> {
     pub(crate) fn sense_after(&mut self, lanes: u64) {
         let core = self.core;
         let (Some(sensing), Some(senses)) = (&core.sensing, &mut self.work.senses) else { return };
+        let frames = core.layout.work.frames.of(&self.work.rows);
         for lane in lanes_of(lanes) {
             let gravity = core.gravity(self.block, lane);
             for body in &sensing.carriers {
-                let (before, after) = (frame(&senses.before, *body, lane), frame(&self.work.frames, *body, lane));
+                let (before, after) = (frame(&senses.before, *body, lane), frame(frames, *body, lane));
                 senses.truths[*body] = Truth::between(&before, &after, sensing.dt, gravity);
             }
-            sensing.read(core, self.block, senses, &self.work.frames, lane);
+            sensing.read(core, self.block, senses, frames, lane);
         }
     }
 
@@ -322,11 +328,12 @@ impl Stepper<'_> {
     pub(crate) fn sense_first(&mut self, lanes: u64) {
         let core = self.core;
         let Some(sensing) = &core.sensing else { return };
-        core.plant.frames(&self.block.plant, lanes, &mut self.work.frames);
+        self.find_frames(lanes);
         for lane in lanes_of(lanes) {
             self.look_around(lane);
             let [seed, environment, episode] = self.key(lane);
             let Some(senses) = &mut self.work.senses else { return };
+            let frames = core.layout.work.frames.of(&self.work.rows);
             // no gradient goes back over a beginning
             senses.records = false;
             let theta = if core.varied.is_empty() { &[] } else { &senses.numbers[..] };
@@ -334,13 +341,13 @@ impl Stepper<'_> {
             core.exposed.write_frames(&senses.numbers, &senses.next, &mut senses.frames);
             let (dt, gravity) = (core.exposed.physics().dt, senses.numbers[0]);
             for body in &sensing.carriers {
-                let now = frame(&self.work.frames, *body, lane);
-                let next = Frame::read(&StridedView::of(&senses.frames[body * FRAME..][..FRAME]));
+                let now = frame(frames, *body, lane);
+                let next = Frame::read(&senses.frames[body * FRAME..][..FRAME]);
                 senses.truths[*body] = Truth::ahead(&now, &next, dt, gravity);
             }
             let own = &mut self.block.sensors[lane];
             own.sets.iter_mut().for_each(|set| set.reset(seed, environment, episode));
-            sensing.read(core, self.block, senses, &self.work.frames, lane);
+            sensing.read(core, self.block, senses, frames, lane);
         }
     }
 
@@ -350,10 +357,10 @@ impl Stepper<'_> {
         let core = self.core;
         let (Some(sensing), Some(senses)) = (&core.sensing, &mut self.work.senses) else { return };
         take(&self.block.plant.rows, lane, &mut senses.state);
-        take(&self.block.goal, lane, &mut senses.goal);
+        take(core.layout.kept.goal.of(&self.block.kept), lane, &mut senses.goal);
         core.numbers_of(self.block, lane, &mut senses.numbers);
         let Senses { numbers, goal, placement, .. } = senses;
-        sensing.around.place(numbers, placement, |own| core.engine.place_scene(goal, own));
+        sensing.around.place(numbers, placement, |own| core.task.place_scene(goal, own));
         // as many solids as were taken when the environment was made
         let _ = self.block.sensors[lane].world.fill(&sensing.around.scene, placement);
     }
@@ -376,9 +383,10 @@ impl Env {
 
 impl EnvBlock {
     /// What one environment's sensors read, into its rows.
-    fn keep_readings(&mut self, n: usize, lane: usize) {
+    fn keep_readings(&mut self, core: &Core, n: usize, lane: usize) {
+        let readings = core.layout.kept.readings.of_mut(&mut self.kept);
         for (agent, set) in self.sensors[lane].sets.iter().enumerate() {
-            let rows = &mut self.readings[agent * n..][..n];
+            let rows = &mut readings[agent * n..][..n];
             rows.iter_mut().zip(set.readings()).for_each(|(row, x)| row[lane] = *x as f32);
         }
     }
@@ -388,7 +396,7 @@ impl Core {
     /// All physical numbers of one environment.
     fn numbers_of(&self, block: &EnvBlock, lane: usize, numbers: &mut [f64]) {
         numbers.copy_from_slice(&self.nominal);
-        for (row, k) in block.theta.iter().zip(&self.varied) {
+        for (row, k) in self.layout.kept.theta.of(&block.kept).iter().zip(&self.varied) {
             numbers[*k] = f64::from(row[lane]);
         }
     }
@@ -396,7 +404,7 @@ impl Core {
     /// That of one environment, m/s².
     fn gravity(&self, block: &EnvBlock, lane: usize) -> f64 {
         match self.varied.first() {
-            Some(0) => f64::from(block.theta[0][lane]),
+            Some(0) => f64::from(self.layout.kept.theta.of(&block.kept)[0][lane]),
             _ => self.nominal[0],
         }
     }

@@ -7,7 +7,9 @@ use crate::autodiff::program::BLOCK;
 use crate::error::{Error, Result};
 use crate::tasks::config::EnvConfig;
 
-const MAGIC: [u8; 8] = *b"omnienv4";
+const MAGIC: [u8; 8] = *b"omnienv5";
+/// What stands before the number of the format.
+const NAME: &[u8] = b"omnienv";
 
 impl Env {
     /// The exact state of all environments: physics, goals, episodes, random streams, transforms, statistics. Continuing
@@ -43,6 +45,13 @@ impl Env {
     pub fn load(&mut self, bytes: &[u8]) -> Result<()> {
         let refuse = |rule: &str, remedy: &str| Err(refused("the bytes", rule, remedy));
         let wanted = self.saved_len();
+        if let Some([format @ b'0'..=b'9', ..]) =
+            bytes.strip_prefix(NAME).filter(|rest| rest.first() != Some(&MAGIC[7]))
+        {
+            let (format, own) = (char::from(*format), char::from(MAGIC[7]));
+            let rule = format!("are of format {format} of another version, and this one reads format {own}");
+            return refuse(&rule, "Go on with the version that saved them, or begin anew.");
+        }
         if bytes.len() != wanted || bytes[..8] != MAGIC || bytes[8..16] != self.fingerprint().to_le_bytes() {
             return refuse("are not of this configuration", "Build the environment as it was when it was saved.");
         }
@@ -79,8 +88,9 @@ impl Env {
     fn check_saved(&self, mut words: Words<'_>) -> Result<()> {
         for (i, block) in self.blocks.iter().enumerate() {
             // an event that never comes is infinitely far away
-            let event =
-                block.plant.rows.iter().count() + block.plant.numbers.iter().flatten().count() + episode_state::EVENT;
+            let event = block.plant.rows.iter().count()
+                + block.plant.numbers.as_ref().map_or(0, |rows| rows.len())
+                + episode_state::EVENT;
             for row in 0..block.all_rows().count() {
                 for lane in 0..BLOCK {
                     let x = f32::from_le_bytes(words.take());
@@ -103,7 +113,7 @@ impl Env {
             for lane in 0..block.sensors.len() {
                 for set in &mut sets {
                     let what = || format!("sensors of environment {}", i * BLOCK + lane);
-                    let saved = (0..set.n_saved()).map(|_| words.finite(what)).collect::<Result<Vec<f64>>>()?;
+                    let saved = (0..set.n_saved()).map(|_| words.shown(what)).collect::<Result<Vec<f64>>>()?;
                     set.restore(&saved)?;
                 }
             }
@@ -160,6 +170,12 @@ impl Words<'_> {
     fn finite(&mut self, place: impl FnOnce() -> String) -> Result<f64> {
         let x = f64::from_le_bytes(self.take());
         check(x.is_finite(), x, place).map(|()| x)
+    }
+
+    /// A number that observations can show, which are in `f32`.
+    fn shown(&mut self, place: impl FnOnce() -> String) -> Result<f64> {
+        let x = f64::from_le_bytes(self.take());
+        check(x.abs() <= f64::from(f32::MAX), x, place).map(|()| x)
     }
 
     fn not_negative(&mut self, place: impl FnOnce() -> String) -> Result<()> {

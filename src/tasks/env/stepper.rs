@@ -1,17 +1,16 @@
-//! One step of sixty-four environments in lanes: the phases, then ends and restarts.
+//! One step of sixty-four environments: programs, and the host code between them; then ends and restarts.
 
 use super::block::{EnvBlock, Workspace, episode_state, signal};
 use super::buffers::StepOut;
 use super::core::Core;
 use super::gradient::Slot;
 use super::mask::lanes_of;
-use super::step::{Phases, step};
-use super::transform::Shift;
 use super::transition::StepLayout;
-use crate::autodiff::lanes::{each_register, first_lanes, ones};
+use crate::autodiff::lanes::{first_lanes, ones, to_columns};
+use crate::autodiff::native::WIDEST;
 use crate::dynamics::batch::{Culprit, STOPPED};
-use crate::tasks::bounds::Contain;
 use crate::tasks::config::Autoreset;
+use std::ops::Range;
 
 /// A block in the hands of a worker.
 pub(crate) struct Stepper<'a> {
@@ -36,15 +35,16 @@ impl Stepper<'_> {
     /// One step of the block.
     pub(crate) fn step(&mut self, out: &mut StepOut<'_>, mut slot: Option<(&StepLayout, &mut Slot)>) {
         let (core, real) = (self.core, first_lanes(self.n()));
-        self.running = ones(&self.block.episode_state[episode_state::RUNNING]) & real;
+        self.running = ones(&self.block.kept[episode_state::RUNNING]) & real;
         if let Some((layout, slot)) = &mut slot {
-            slot.open(layout, self.block, self.running);
+            slot.open(layout, core, self.block, self.running);
         }
         self.block.moved = if slot.is_some() { 0 } else { u64::MAX };
         self.keep_frames(slot.is_some());
-        step(core, self);
+        self.act();
+        self.advance();
         if let Some((layout, slot)) = slot {
-            slot.close(layout, self.block, self.work, self.ended, self.alive());
+            slot.close(layout, core, self.block, self.work, self.ended, self.alive());
         }
         self.write_signals(out);
         lanes_of(self.ended).for_each(|lane| self.write_end(lane, out));
@@ -79,20 +79,33 @@ impl Stepper<'_> {
         self.write_observation(out);
     }
 
-    /// Frames, observations and central states of the registers of these lanes: what did not change keeps its bits.
+    /// Observations and central states of the registers of these lanes: what did not change keeps its bits.
     pub(crate) fn look(&mut self, lanes: u64) {
-        self.core.plant.frames(&self.block.plant, lanes, &mut self.work.frames);
-        self.show_all(lanes);
+        let (core, n) = (self.core, self.n());
+        for lanes in registers_of(lanes, n) {
+            core.programs().observe.run(&mut self.work.scratch.observe, core, self.block, &mut self.work.rows, lanes);
+        }
+        self.show_readings();
     }
 
-    /// What tasks show, and behind it what sensors read.
-    fn show_all(&mut self, lanes: u64) {
-        let s = &self.core.sizes;
-        self.core.engine.observe_lanes(s, self.block, self.work, lanes);
-        for agent in 0..s.agent {
-            let rows = &mut self.work.raw[agent * s.raw..][s.raw - s.reading..s.raw];
-            rows.copy_from_slice(&self.block.readings[agent * s.reading..][..s.reading]);
+    /// Where the bodies of these lanes are, for sensors.
+    pub(crate) fn find_frames(&mut self, lanes: u64) {
+        let (core, n) = (self.core, self.n());
+        let Some(program) = &core.programs().frames else { return };
+        for lanes in registers_of(lanes, n) {
+            program.run(&mut self.work.scratch.frames, core, self.block, &mut self.work.rows, lanes);
         }
+    }
+
+    /// What sensors read, behind what tasks show.
+    fn show_readings(&mut self) {
+        let (s, layout) = (&self.core.sizes, &self.core.layout);
+        if s.reading == 0 {
+            return;
+        }
+        let readings = layout.kept.readings.of(&self.block.kept).chunks_exact(s.reading);
+        let shown = layout.work.raw.of_mut(&mut self.work.rows).chunks_exact_mut(s.raw);
+        shown.zip(readings).for_each(|(shown, own)| shown[s.raw - s.reading..].copy_from_slice(own));
     }
 
     fn alive(&self) -> u64 {
@@ -100,7 +113,8 @@ impl Stepper<'_> {
     }
 
     fn keep_speeds(&mut self) {
-        for (row, speed) in self.work.speeds.iter_mut().zip(&self.core.speed_rows) {
+        let speeds = self.core.layout.work.speeds.of_mut(&mut self.work.rows);
+        for (row, speed) in speeds.iter_mut().zip(&self.core.speed_rows) {
             *row = self.block.plant.rows[*speed];
         }
     }
@@ -123,80 +137,73 @@ impl Stepper<'_> {
     fn stop(&mut self) {
         let alive = self.core.plant.alive_row();
         for lane in lanes_of(self.ended) {
-            self.block.episode_state[episode_state::RUNNING][lane] = 0.0;
+            self.block.kept[episode_state::RUNNING][lane] = 0.0;
             self.block.plant.rows[alive][lane] = STOPPED;
         }
     }
 }
 
-impl Phases for Stepper<'_> {
-    fn command(&mut self) {
-        let (core, block) = (self.core, &mut *self.block);
-        core.control.decode(self.actions, self.work, &mut block.episode_state);
-        if core.sizes.delay > 0 {
-            let (slots, n) = (core.sizes.delay, core.sizes.command);
-            each_register(block.plant.occupied, Shift { slots, n, block, command: &mut self.work.command });
+impl Stepper<'_> {
+    /// Actions into rows; into commands, where those are whole numbers or controllers stand behind.
+    fn act(&mut self) {
+        let (core, n, layout) = (self.core, self.n(), &self.core.layout);
+        match core.control.levels() {
+            None => {
+                let rows = layout.work.action.of_mut(&mut self.work.rows);
+                to_columns(self.actions, rows);
+                // padding gets zeros, not what another block left
+                rows.iter_mut().for_each(|column| column[n..].fill(0.0));
+            }
+            Some(levels) => {
+                let command = layout.work.command.of_mut(&mut self.work.rows);
+                self.block.kept[episode_state::CLIPPED] = core.control.decode(levels, self.actions, command);
+            }
         }
-        if let Some(lead) = &mut self.work.lead {
-            lead.add_to(&mut self.work.command, core, self.block, self.running);
+        let Workspace { rows, scratch, lead, .. } = &mut *self.work;
+        if let Some(act) = &core.programs().act {
+            act.run(&mut scratch.act, core, self.block, rows, 0..n);
         }
-        self.keep_speeds();
-    }
-
-    fn frames(&mut self) {
-        self.core.plant.frames(&self.block.plant, u64::MAX, &mut self.work.frames);
-    }
-
-    fn disturb(&mut self) {
-        self.core.engine.disturb_lanes(self.block, self.work, &self.core.disturbance_rows);
-    }
-
-    fn steer(&mut self, k: usize) {
-        self.core.control.steer(self.core.robot(), &self.core.plant, k, self.block, self.work);
-    }
-
-    fn physics(&mut self) {
-        self.core.plant.step(std::slice::from_mut(&mut self.block.plant));
-    }
-
-    /// What has exploded stops. A state of any size would reach the observation that its episode ends with.
-    fn contain(&mut self) {
-        let given_up = !self.alive() & self.running;
-        let (limits, alive, plant) = (&self.core.limits, self.core.plant.alive_row(), &mut self.block.plant);
-        each_register(plant.occupied, Contain { limits, alive, rows: &mut plant.rows });
-        let stopped = !self.alive() & self.running;
-        if stopped != 0 {
-            self.blame(stopped, given_up);
-        }
-        for lane in lanes_of(stopped) {
-            self.block.plant.rows.iter_mut().zip(self.core.robot().rest()).for_each(|(row, x)| row[lane] = *x as f32);
+        if let Some(lead) = lead {
+            lead.add_to(layout.work.command.of_mut(rows), core, self.block, self.running);
         }
     }
 
-    fn sense(&mut self) {
+    /// From commands to observations.
+    fn advance(&mut self) {
+        let (core, n) = (self.core, self.n());
+        core.programs().step.run(&mut self.work.scratch.step, core, self.block, &mut self.work.rows, 0..n);
+        self.settle();
         self.sense_after(self.running);
-    }
-
-    fn evaluate_step(&mut self) {
-        self.core.engine.evaluate_lanes(self.core, self.block, self.work);
-        let signals = &self.work.signals;
+        let signals = core.layout.work.signals.of(&self.work.rows);
         self.ended = (ones(&signals[signal::TERMINATED]) | ones(&signals[signal::TRUNCATED])) & self.running;
-    }
-
-    fn change_goals(&mut self) {
-        let due = ones(&self.work.signals[signal::DUE]) & self.running & !self.ended;
+        let due = ones(&signals[signal::DUE]) & self.running & !self.ended;
+        // the reward was for the old goal, the next action is for the new one
         if due != 0 {
             lanes_of(due).for_each(|lane| self.event(lane));
-            // numbers that changed may move bodies
-            self.frames();
+            self.look(due);
+        } else {
+            self.show_readings();
         }
-    }
-
-    fn observe(&mut self) {
-        self.show_all(u64::MAX);
-    }
-
-    fn transform(&mut self) {
         self.transformed(self.running, 0);
     }
+
+    /// Puts what has exploded to rest, as it was shown.
+    fn settle(&mut self) {
+        let (core, stopped) = (self.core, !self.alive() & self.running);
+        if stopped == 0 {
+            return;
+        }
+        let given_up = ones(&core.layout.work.signals.of(&self.work.rows)[signal::GAVE_UP]) & stopped;
+        self.blame(stopped, given_up);
+        for lane in lanes_of(stopped) {
+            self.block.plant.rows.iter_mut().zip(core.robot().rest()).for_each(|(row, x)| row[lane] = *x as f32);
+        }
+    }
+}
+
+/// The registers that hold any of these lanes, of `n` that are real.
+fn registers_of(lanes: u64, n: usize) -> impl Iterator<Item = Range<usize>> {
+    let lanes = lanes & first_lanes(n);
+    let holds = move |first: &usize| lanes >> first & u64::from(u16::MAX) != 0;
+    (0..n).step_by(WIDEST).filter(holds).map(move |first| first..n.min(first + WIDEST))
 }

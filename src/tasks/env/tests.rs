@@ -2,7 +2,6 @@
 
 use super::block::episode_state;
 use super::*;
-use crate::speed_gate::{Measured, keeps};
 use crate::tasks::config::MAX_HORIZON;
 
 fn hover(n_env: usize, horizon: usize) -> Env {
@@ -18,8 +17,8 @@ fn the_longest_episodes_are_cut_at_their_last_step() {
         let mut out = Buffers::new(env.spec());
         env.reset(None, None, &mut out.out()).unwrap();
         let block = &mut env.blocks[0];
-        assert_eq!(block.episode_state[episode_state::LAST][0], horizon as f32);
-        block.episode_state[episode_state::STEP][0] = (horizon - 3) as f32;
+        assert_eq!(block.kept[episode_state::LAST][0], horizon as f32);
+        block.kept[episode_state::STEP][0] = (horizon - 3) as f32;
         let cut: Vec<u8> = (0..3)
             .map(|_| {
                 env.step(&[f32::NAN; 4], &mut out.out()).unwrap();
@@ -72,14 +71,24 @@ fn every_thread_has_its_workspace_before_the_first_step() {
 }
 
 #[test]
-fn judging_and_observing_in_lanes_keep_their_speed() {
-    let mut env = hover(BLOCK, 500);
-    let mut out = Buffers::new(env.spec());
-    env.reset(None, None, &mut out.out()).unwrap();
-    let (core, block, mut work) = (&env.core, &mut env.blocks[0], env.core.workspace());
-    core.plant.frames(&block.plant, u64::MAX, &mut work.frames);
-    let measured = Measured { avx512: 10.4, avx2: 6.83 };
-    keeps("Hover judged", &measured, || core.engine.evaluate_lanes(core, block, &mut work));
-    let measured = Measured { avx512: 9.6, avx2: 4.99 };
-    keeps("Hover observed", &measured, || core.engine.observe_lanes(&core.sizes, block, &mut work, u64::MAX));
+fn a_state_that_another_version_saved_is_refused_by_its_format() {
+    let mut env = hover(3, 50);
+    env.reset(None, None, &mut Buffers::new(env.spec()).out()).unwrap();
+    for format in ["1", "4", "9"] {
+        let mut saved = env.save();
+        saved[7] = format.as_bytes()[0];
+        let refusal = env.load(&saved).unwrap_err().to_string();
+        let wanted = format!("are of format {format} of another version, and this one reads format 5");
+        assert!(refusal.contains(&wanted), "{refusal}");
+    }
+    for short in ["", "omni", "omnienv", "omnienv4"] {
+        assert!(env.load(short.as_bytes()).is_err(), "{short}");
+    }
+}
+
+#[test]
+fn environments_of_a_kind_share_their_programs_and_others_do_not() {
+    let (first, second, other) = (hover(1, 50), hover(70, 50), hover(1, 51));
+    let shares = |other: &Env| first.core.programs().step.is_same(&other.core.programs().step);
+    assert!(shares(&second) && !shares(&other)); // the clock is a share of the horizon
 }

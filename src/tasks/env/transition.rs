@@ -1,24 +1,20 @@
 //! One step of one environment as a recording, without restarts: the function that gradients are taken of. It gives the
 //! adjoint that runs in lanes; duals through the recording give Jacobians.
 
-use super::control::clipped;
+use super::block::{episode_state, signal};
 use super::core::Core;
-use super::engine::Engine;
-use super::evaluate_step::{sum, with_air};
+use super::layout::{EnvLayout, Kept, Part};
+use super::phases::{Numbers, Step};
 use super::restart::Draft;
 use super::sensing::POSE;
 use super::spec::fnv;
-use super::step::{Phases, step};
-use super::transform::shift;
-use crate::autodiff::{Scalar, StridedView, StridedViewMut, System, Trace};
+use crate::autodiff::{Scalar, Trace};
 use crate::dynamics::Plant;
-use crate::dynamics::frame::FRAME;
+use crate::dynamics::batch::ALIVE;
 use crate::tasks::any_task::Snapshot;
 use crate::tasks::config::EnvConfig;
-use crate::tasks::declare::Declaration;
-use crate::tasks::observation::{Frozen, Moment};
 use crate::tasks::robot::Robot;
-use crate::tasks::task::{TaskReference, View, streams};
+use crate::tasks::task::{TaskReference, streams};
 use std::ops::Range;
 
 /// Where everything stands among the arguments and results of a step that gradients are taken of.
@@ -79,7 +75,7 @@ impl StepLayout {
             at += n;
             at - n..at
         };
-        let (state, task_state) = (next(core.engine.robot().n_state()), next(s.task_state));
+        let (state, task_state) = (next(core.task.robot().n_state()), next(s.task_state));
         let (line, history) = (next(s.delay * s.command), next(s.history));
         let (action, parameters) = (next(s.command), next(s.theta));
         let (time, goal, next_goal, wind) = (next(3), next(s.goal), next(s.goal), next(s.air));
@@ -117,6 +113,22 @@ impl StepLayout {
             config_hash: core.config_hash,
         }
     }
+
+    /// Arguments that an environment keeps, and where: beside its state, and what tells the time.
+    pub(crate) fn of_kept(&self, kept: &Kept) -> [(Range<usize>, Part); 7] {
+        [
+            (self.task_state.clone(), kept.task_state),
+            (self.line.clone(), kept.line),
+            (self.history.clone(), kept.history),
+            (self.parameters.clone(), kept.theta),
+            (self.goal.clone(), kept.goal),
+            (self.wind.clone(), kept.air),
+            (self.readings.clone(), kept.readings),
+        ]
+    }
+
+    /// The rows of the episode state that tell the time, in the order of [`StepLayout::time`].
+    pub(crate) const CLOCK: [usize; 3] = [episode_state::STEP, episode_state::OFFSET, episode_state::DELAY];
 
     /// Numbers that go from step to step.
     pub fn n_carried(&self) -> usize {
@@ -168,7 +180,7 @@ pub(crate) fn config_hash(name: &str, config: &EnvConfig, varied: &[usize]) -> u
 pub(crate) fn ideal(core: &Core) -> Draft {
     let mut own = Draft::new(core);
     let mut start = own.start(core, streams(0, 0, 0), f64::INFINITY, 1.0);
-    core.engine.ideal(&mut start);
+    core.task.ideal(&mut start);
     own
 }
 
@@ -183,184 +195,67 @@ pub(crate) fn ideal_terms(core: &Core) -> Vec<f64> {
 pub(crate) fn reference(core: &Core, state: &[f64], goal: &[f64]) -> Option<TaskReference> {
     let blank = vec![0.0; core.sizes.task_state];
     let seen = Snapshot::of(core.robot(), &core.exposed, &core.nominal, state, goal, blank);
-    core.engine.reference(&seen.view(core.robot()))
+    core.task.reference(&seen.view(core.robot()))
 }
 
 /// Results of a step with arguments `z`; see [`StepLayout`].
 pub(crate) fn transition(core: &Core, p: &StepLayout, z: &[Trace]) -> Vec<Trace> {
-    let (s, zero) = (&core.sizes, Trace::zero());
-    let mut y = vec![zero; p.n_result()];
-    let (carried, seen) = y.split_at_mut(p.n_carried());
-    carried.copy_from_slice(&z[..p.n_carried()]);
-    let mut one = Single {
-        core,
-        task: &*core.engine,
-        p,
-        z,
-        carried,
-        seen,
-        numbers: numbers(core, &z[p.parameters.clone()]),
-        frames: vec![zero; s.frame * FRAME],
-        speeds: Vec::new(),
-        commands: z[p.action.clone()].to_vec(),
-        held: vec![zero; s.held],
-        input: vec![zero; core.robot().n_input()],
-        step: z[p.time.start],
-        goal: &p.goal,
-        terms: Vec::new(),
-    };
-    step(core, &mut one);
-    one.goal = &p.goal;
-    let loss = core.loss(&one.view());
-    one.seen[p.reward - p.n_carried()] = sum(&StridedView::of(&one.terms), s.term);
-    one.seen[p.loss - p.n_carried()] = loss;
+    let work = &core.layout.work;
+    let mut step = Step::new(core, numbers(core, p, z));
+    step.contains = false;
+    step.clip(&z[p.action.clone()]);
+    step.delay();
+    step.fly();
+    step.goal = z[p.next_goal.clone()].to_vec();
+    step.observe();
+    step.read();
+    step.transform();
+
+    let mut y = vec![Trace::zero(); p.n_result()];
+    let kept = &core.layout.kept;
+    y[p.state.clone()].copy_from_slice(&step.state);
+    for (place, part) in [(&p.task_state, kept.task_state), (&p.line, kept.line), (&p.history, kept.history)] {
+        y[place.clone()].copy_from_slice(part.of(&step.numbers.kept));
+    }
+    for (place, part) in [(&p.observation, work.observation), (&p.central, work.central)] {
+        y[place.clone()].copy_from_slice(part.of(&step.numbers.work));
+    }
+    let signals = work.signals.of(&step.numbers.work);
+    (y[p.reward], y[p.loss]) = (signals[signal::REWARD], signals[signal::LOSS]);
+    if let Some(sensing) = &core.sensing {
+        sensing.write_poses(&step.frames, &mut y[p.poses.clone()]);
+    }
     y
 }
 
-/// One environment in a step.
-struct Single<'a> {
-    core: &'a Core,
-    task: &'a dyn Engine,
-    p: &'a StepLayout,
-    z: &'a [Trace],
-    /// Results: what is carried, as it is now, and what comes behind it.
-    carried: &'a mut [Trace],
-    seen: &'a mut [Trace],
-    numbers: Vec<Trace>,
-    frames: Vec<Trace>,
-    speeds: Vec<Trace>,
-    commands: Vec<Trace>,
-    held: Vec<Trace>,
-    input: Vec<Trace>,
-    step: Trace,
-    goal: &'a Range<usize>,
-    terms: Vec<Trace>,
-}
-
-impl Single<'_> {
-    fn state(&self) -> &[Trace] {
-        &self.carried[self.p.state.clone()]
+/// What an environment holds before a step with arguments `z`, in an episode that runs on.
+fn numbers(core: &Core, p: &StepLayout, z: &[Trace]) -> Numbers {
+    let EnvLayout { kept, work, shared } = &core.layout;
+    let (zero, constant) = (Trace::zero(), Trace::constant);
+    let zeros = |n: usize| vec![zero; n];
+    let mut own = Numbers {
+        plant: zeros(core.plant.n_row()),
+        kept: zeros(kept.count),
+        work: zeros(work.count),
+        shared: zeros(shared.count),
+        model: core.plant.constant_numbers(),
+    };
+    own.plant[p.state.clone()].copy_from_slice(&z[p.state.clone()]);
+    own.plant[core.plant.alive_row()] = constant(f64::from(ALIVE));
+    for (place, part) in p.of_kept(kept) {
+        part.of_mut(&mut own.kept).copy_from_slice(&z[place]);
     }
-
-    fn view(&self) -> View<'_, Trace> {
-        let (robot, goal, task_state) =
-            (self.task.robot(), &self.z[self.goal.clone()], &self.carried[self.p.task_state.clone()]);
-        let clock = (self.step + self.z[self.p.time.start + 1]) * Trace::constant(1.0 / self.task.horizon() as f64);
-        View {
-            robot,
-            state: StridedView::of(self.state()),
-            frames: StridedView::of(&self.frames),
-            speeds_before: StridedView::of(&self.speeds),
-            goal: StridedView::of(goal),
-            task_state: StridedView::of(task_state),
-            step: self.step,
-            clock,
-        }
+    own.kept[episode_state::RUNNING] = Trace::one();
+    StepLayout::CLOCK.into_iter().zip(&z[p.time.clone()]).for_each(|(row, value)| own.kept[row] = *value);
+    work.noise.of_mut(&mut own.work).copy_from_slice(&z[p.noise.clone()]);
+    work.common.of_mut(&mut own.work)[0] = Trace::one();
+    shared.statistics.of_mut(&mut own.shared).copy_from_slice(&z[p.statistics.clone()]);
+    if !core.varied.is_empty() {
+        let mut parameters: Vec<Trace> = core.nominal.iter().map(|x| constant(*x)).collect();
+        core.varied.iter().zip(&z[p.parameters.clone()]).for_each(|(k, value)| parameters[*k] = *value);
+        own.model = core.plant.numbers_of(&parameters);
     }
-}
-
-impl Phases for Single<'_> {
-    fn command(&mut self) {
-        let (control, s) = (&self.core.control, &self.core.sizes);
-        for (k, command) in self.commands.iter_mut().enumerate() {
-            let (agent, own) = (k / control.n_command, k % control.n_command);
-            let moves = own < control.n_command_of[agent];
-            *command = if moves { clipped(*command, control.safe[k]).0 } else { Trace::zero() };
-        }
-        if s.delay > 0 {
-            let (mut line, delay) =
-                (StridedViewMut::of(&mut self.carried[self.p.line.clone()]), self.z[self.p.time.start + 2]);
-            shift(s.delay, s.command, delay, &mut line, &mut StridedViewMut::of(&mut self.commands));
-        }
-        self.speeds = self.core.speed_rows.iter().map(|k| self.carried[*k]).collect();
-    }
-
-    fn frames(&mut self) {
-        let state = &self.carried[self.p.state.clone()];
-        self.core.exposed.write_frames(&self.numbers, state, &mut self.frames);
-    }
-
-    fn disturb(&mut self) {
-        let air = StridedView::of(&self.z[self.p.wind.clone()]);
-        for (tree, first) in self.task.robot().disturbances().into_iter().enumerate() {
-            let own = with_air(self.task.disturb(&self.view(), tree), &air, self.p.wind.len());
-            self.input[first..first + own.len()].copy_from_slice(&own);
-        }
-    }
-
-    fn steer(&mut self, k: usize) {
-        let (robot, frames) = (self.task.robot(), StridedView::of(&self.frames));
-        self.core.control.steer_one(robot, k, &frames, &self.commands, &mut self.held, &mut self.input);
-    }
-
-    /// Constants stay constants where nothing varies.
-    fn physics(&mut self) {
-        let theta = if self.core.varied.is_empty() { &[] } else { &self.numbers[..] };
-        let mut next = self.state().to_vec();
-        self.core.exposed.step(self.state(), &self.input, theta, &mut next);
-        self.carried[self.p.state.clone()].copy_from_slice(&next);
-    }
-
-    fn sense(&mut self) {
-        let (core, from) = (self.core, self.p.n_carried());
-        if let Some(sensing) = &core.sensing {
-            sensing.write_poses(&self.frames, &mut self.seen[self.p.poses.start - from..self.p.poses.end - from]);
-        }
-    }
-
-    fn evaluate_step(&mut self) {
-        self.step += Trace::one();
-        if !self.p.task_state.is_empty() {
-            let mut task_state = Declaration::default();
-            self.task.remember(&self.view(), &mut task_state);
-            self.carried[self.p.task_state.clone()].copy_from_slice(&task_state.numbers);
-        }
-        self.terms = self.core.reward(&self.view());
-    }
-
-    fn change_goals(&mut self) {
-        self.goal = &self.p.next_goal;
-    }
-
-    fn observe(&mut self) {
-        let (s, begin) = (&self.core.sizes, self.p.central.start - self.p.n_carried());
-        for agent in 0..s.agent {
-            let mut own = Declaration::default();
-            self.task.observe(&self.view(), agent, &mut own);
-            let read = &self.z[self.p.readings.clone()][agent * s.reading..][..s.reading];
-            let row = &mut self.seen[agent * s.observation..][..s.raw];
-            row[..own.numbers.len()].copy_from_slice(&own.numbers);
-            row[s.raw - s.reading..].copy_from_slice(read);
-        }
-        let mut central = Declaration::default();
-        self.task.central(&self.view(), &mut central);
-        self.seen[begin..begin + s.central].copy_from_slice(&central.numbers);
-    }
-
-    fn transform(&mut self) {
-        let (pipeline, s, z, p) = (&self.core.pipeline, &self.core.sizes, self.z, self.p);
-        for agent in 0..s.agent {
-            let moment = Moment {
-                moved: Trace::zero().lt(Trace::one()),
-                fresh: Trace::one().lt(Trace::zero()),
-                noise: StridedView::of(&z[p.noise.start + agent * pipeline.noise..]),
-                theta: StridedView::of(&z[p.parameters.clone()]),
-                statistics: Frozen::Arguments(StridedView::of(&z[p.statistics.clone()])),
-            };
-            let (mut memory, mut seen) =
-                (StridedViewMut::of(&mut self.carried[p.history.clone()]), StridedViewMut::of(self.seen));
-            pipeline.run(&moment, &mut memory, agent * pipeline.memory, &mut seen, agent * s.observation, None);
-        }
-    }
-}
-
-/// All physical numbers: nominal ones, with those that vary in their places.
-fn numbers(core: &Core, theta: &[Trace]) -> Vec<Trace> {
-    let mut numbers: Vec<Trace> = core.nominal.iter().map(|x| Trace::constant(*x)).collect();
-    for (k, value) in core.varied.iter().zip(theta) {
-        numbers[*k] = *value;
-    }
-    numbers
+    own
 }
 
 /// The robot's system with the numbers that vary as parameters, if any do.

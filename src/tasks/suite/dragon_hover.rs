@@ -10,7 +10,7 @@ use super::hover::set_heading;
 use super::{
     PoseLoss, PoseSuccess, StartRange, farther, less, made_of, rate_cost, speed_cost, squared, succeeds_within,
 };
-use crate::autodiff::{Mask, Scalar, safe};
+use crate::autodiff::{Array, Mask, Scalar, Trace, safe};
 use crate::dynamics::configurations::Dragon;
 use crate::dynamics::frame::Frame;
 use crate::dynamics::spatial::{Vec3, add, constants, dot, rotate, scale, sub, yawed};
@@ -78,7 +78,6 @@ impl BuiltIn for DragonHover {
 
 impl DragonHover {
     /// Motion of the middle of a link.
-    #[inline(always)]
     fn link<S: Scalar>(&self, view: &View<'_, S>, i: usize) -> Frame<S> {
         let (body, middle) = self.links[i];
         let frame = view.frame(body);
@@ -87,7 +86,6 @@ impl DragonHover {
     }
 
     /// p_t − p̄.
-    #[inline(always)]
     fn error<S: Scalar>(&self, view: &View<'_, S>) -> Vec3<S> {
         let mut sum = [S::zero(); 3];
         for i in 0..LINKS {
@@ -97,15 +95,13 @@ impl DragonHover {
     }
 
     /// h_t − h.
-    #[inline(always)]
     fn heading_error<S: Scalar>(view: &View<'_, S>) -> Vec3<S> {
         sub(view.goal.array(0), view.drone(0).heading())
     }
 
     /// q̇ of a joint.
-    #[inline(always)]
     fn rate<S: Scalar>(view: &View<'_, S>, joint: usize) -> S {
-        view.state.get(view.robot.drone().drives[joint].rate)
+        view.state[view.robot.drone().drives[joint].rate]
     }
 }
 
@@ -135,8 +131,7 @@ impl Task for DragonHover {
         }
     }
 
-    #[inline(always)]
-    fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut impl Writer<S>) {
+    fn observe(&self, view: &View, _: usize, out: &mut Writer) {
         out.field("target", "m, world", "p_t − p̄").array(self.error(view));
         out.field("positions", "m, world", "p_i − p_t of every link");
         for i in 0..LINKS {
@@ -174,22 +169,20 @@ impl Task for DragonHover {
         view.observe_clock(out);
     }
 
-    #[inline(always)]
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
+    fn reward(&self, view: &View, terms: &mut Writer) {
         let own = &self.settings;
         let pose = exponential_kernel(own.pose_scale, both(self.error(view), Self::heading_error(view)));
         terms.term("pose", "{×reward_pose}e^{−{×pose_scale}d}", own.reward_pose).piecewise();
-        terms.number(S::constant(own.reward_pose) * pose);
-        let mut calm = S::zero();
+        terms.number(Trace::constant(own.reward_pose) * pose);
+        let mut calm = Trace::zero();
         for i in 0..DRIVES {
             calm += (-Self::rate(view, i).abs()).exp();
         }
         terms.term("joints", "{×reward_joints}mean e^{−|q̇|}", own.reward_joints).piecewise();
-        terms.number(S::constant(own.reward_joints / DRIVES as f64) * calm);
+        terms.number(Trace::constant(own.reward_joints / DRIVES as f64) * calm);
     }
 
-    #[inline(always)]
-    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
+    fn ends(&self, view: &View, ends: &mut Ends) {
         let mut lowest = self.link(view, 0).position[2];
         for i in 1..LINKS {
             lowest = lowest.min(self.link(view, i).position[2]);
@@ -199,8 +192,7 @@ impl Task for DragonHover {
         ends.when("far", "d > {max_distance}", farther(error, self.settings.max_distance));
     }
 
-    #[inline(always)]
-    fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+    fn metrics(&self, view: &View, out: &mut Writer) {
         out.metric("position_error", "m", safe::norm(self.error(view)));
         out.metric("heading_alignment", "-", dot(view.drone(0).heading(), view.goal.array(0)));
         out.metric("throttle_difference", "-", view.throttle_difference(0));
@@ -211,10 +203,9 @@ impl Task for DragonHover {
         "heading_alignment": dot(view.drone(0).heading(), view.goal.array(0)), self.settings.success.alignment
     );
 
-    #[inline(always)]
-    fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
+    fn loss(&self, view: &View, loss: &mut Loss) {
         let (own, w) = (&self.settings, &self.settings.loss);
-        let mut motion = S::zero();
+        let mut motion = Trace::zero();
         for i in 0..LINKS {
             let link = self.link(view, i);
             motion += speed_cost(w.motion.velocity / LINKS as f64, link.velocity);
@@ -232,7 +223,7 @@ impl Task for DragonHover {
     fn reference(&self, view: &View<'_, f64>) -> Option<TaskReference> {
         let target = self.settings.target;
         let mean = Frame { position: sub(target, self.error(view)), ..view.drone(0) };
-        Some(TaskReference::way(&mean, target, view.goal.get(1).atan2(view.goal.get(0)), 1.9))
+        Some(TaskReference::way(&mean, target, view.goal[1].atan2(view.goal[0]), 1.9))
     }
 
     fn ideal(&self, start: &mut Start<'_>) {

@@ -16,7 +16,7 @@ use super::{
     MotionLoss, PoseReward, StartAttitude, StartRange, along_the_course, ease_of_flight, eased, farther, latch, less,
     made_of, more, nearer, rate_cost, speed_cost, succeeds_once, times,
 };
-use crate::autodiff::{Mask, Scalar, safe};
+use crate::autodiff::{Array, Mask, Scalar, Trace, safe};
 use crate::dynamics::assembly::{Member, single};
 use crate::dynamics::configurations::environment;
 use crate::dynamics::frame::Frame;
@@ -103,24 +103,20 @@ impl BuiltIn for FlyThrough {
 
 impl FlyThrough {
     /// p_t − p.
-    #[inline(always)]
     fn error<S: Scalar>(view: &View<'_, S>) -> Vec3<S> {
         sub(view.goal.array(0), view.drone(0).position)
     }
 
-    #[inline(always)]
     fn gate<S: Scalar>(&self, view: &View<'_, S>) -> Frame<S> {
         view.frame(self.frame)
     }
 
     /// g − p.
-    #[inline(always)]
     fn way<S: Scalar>(&self, view: &View<'_, S>) -> [S; 3] {
         sub(self.gate(view).position, view.drone(0).position)
     }
 
     /// Least distance of the drone to the frame, m.
-    #[inline(always)]
     fn clearance<S: Scalar>(&self, view: &View<'_, S>) -> S {
         let frame = self.gate(view);
         let bars = self.gate.bars(&Pose { position: frame.position, attitude: frame.attitude });
@@ -152,22 +148,20 @@ impl Task for FlyThrough {
         start.task_state[0] = f64::from(u8::from(position[0] > own.gate_position[0]));
     }
 
-    #[inline(always)]
-    fn remember<S: Scalar>(&self, view: &View<'_, S>, task_state: &mut impl Writer<S>) {
-        let (way, half, own) = (self.way(view), S::constant(0.5), &self.settings);
-        let crossed = view.task_state.get(0);
-        let beyond = way[0].lt(S::zero());
+    fn remember(&self, view: &View, task_state: &mut Writer) {
+        let (way, half, own) = (self.way(view), Trace::constant(0.5), &self.settings);
+        let crossed = view.task_state[0];
+        let beyond = way[0].lt(Trace::zero());
         let inside = less(way[1].abs(), own.gate_aperture).and(less(way[2].abs(), own.gate_aperture));
         let missed = beyond.and(inside.not()).and(crossed.lt(half));
         task_state.field("crossed", "-", "1 once x > 0").number(latch(crossed, beyond));
-        let missed = S::select(missed, S::one(), S::zero());
+        let missed = Trace::select(missed, Trace::one(), Trace::zero());
         task_state.field("missed", "-", "1 in the first step with x > 0 beside the gate").number(missed);
-        let reached = latch(view.task_state.get(2), nearer(Self::error(view), own.success_distance));
+        let reached = latch(view.task_state[2], nearer(Self::error(view), own.success_distance));
         task_state.field("reached", "-", "1 once d < {success_distance} m").number(reached);
     }
 
-    #[inline(always)]
-    fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut impl Writer<S>) {
+    fn observe(&self, view: &View, _: usize, out: &mut Writer) {
         view.observe_drone(0, out);
         out.field("target", "m, world", "p_t − p").array(Self::error(view));
         out.field("gate_velocity", "m/s, world", "v_g").array(self.gate(view).velocity);
@@ -175,14 +169,13 @@ impl Task for FlyThrough {
         view.observe_clock(out);
     }
 
-    #[inline(always)]
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
+    fn reward(&self, view: &View, terms: &mut Writer) {
         let (drone, way, own, w) = (view.drone(0), self.way(view), &self.settings, &self.settings.reward);
         let pose = exponential_kernel(own.pose_scale, Self::error(view));
-        let (before, ahead) = (S::zero().lt(way[0]), way[0].max(S::zero()));
-        let beside = (way[1].abs() + way[2].abs()).min(S::constant(FAR_BESIDE));
-        let middle = (S::constant(0.8) - beside) * (-ahead).exp();
-        let kept = pose + S::constant(own.pose_floor);
+        let (before, ahead) = (Trace::zero().lt(way[0]), way[0].max(Trace::zero()));
+        let beside = (way[1].abs() + way[2].abs()).min(Trace::constant(FAR_BESIDE));
+        let middle = (Trace::constant(0.8) - beside) * (-ahead).exp();
+        let kept = pose + Trace::constant(own.pose_floor);
         let most = 1.0 + own.pose_floor;
         terms
             .term("pose", "{×reward_pose}r_p, r_p = e^{−{×pose_scale}d}", w.pose)
@@ -191,7 +184,7 @@ impl Task for FlyThrough {
         let formula = "{×reward_gate}(0.8 − min(|g_y − y| + |g_z − z|, 5 m)) e^{x} for x < 0, else {reward_gate}";
         terms.term("gate", formula, own.reward_gate);
         terms.within(own.reward_gate * (0.8 - FAR_BESIDE), own.reward_gate).non_smooth();
-        terms.number(times(own.reward_gate, S::select(before, middle, S::one())));
+        terms.number(times(own.reward_gate, Trace::select(before, middle, Trace::one())));
         terms.term("up", "{×reward_up}(r_p + {pose_floor}) ((u_z + 1)/2)²", w.up * most).piecewise();
         terms.number(times(w.up, kept) * upright(drone.up()));
         terms.term("spin", "{×reward_spin}(r_p + {pose_floor})/(1 + ω_z²)", w.spin * most).piecewise();
@@ -199,31 +192,28 @@ impl Task for FlyThrough {
         terms.term("effort", "{×reward_effort}e^{−e}", w.effort).number(ease_of_flight(w.effort, view));
     }
 
-    #[inline(always)]
-    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
+    fn ends(&self, view: &View, ends: &mut Ends) {
         let (position, own) = (view.drone(0).position, &self.settings);
         ends.when("crash", "z < {min_height} m", less(position[2], own.min_height));
         ends.when("high", "z > {max_height} m", more(position[2], own.max_height));
         ends.when("wide", "|y| > {max_side} m", more(position[1].abs(), own.max_side));
         ends.when("far", "d > {max_distance} m", farther(Self::error(view), own.max_distance));
         let missed = "not |g_y − y| < {gate_aperture} m and |g_z − z| < {gate_aperture} m in the first step with x > 0";
-        ends.when("missed", missed, more(view.task_state.get(1), 0.5));
-        let contact = where_on::<S>(own.reset_on_collision, touches(self.clearance(view)));
+        ends.when("missed", missed, more(view.task_state[1], 0.5));
+        let contact = where_on::<Trace>(own.reset_on_collision, touches(self.clearance(view)));
         ends.when("contact", "touches the frame, if reset_on_collision", contact);
     }
 
-    #[inline(always)]
-    fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+    fn metrics(&self, view: &View, out: &mut Writer) {
         out.metric("position_error", "m", safe::norm(Self::error(view)));
         out.metric("uprightness", "-", view.drone(0).up()[2]);
         out.metric("clearance", "m", self.clearance(view));
         out.metric("throttle_difference", "-", view.throttle_difference(0));
     }
 
-    succeeds_once!(self, view: view.task_state.get(2), self.settings.success_distance);
+    succeeds_once!(self, view: view.task_state[2], self.settings.success_distance);
 
-    #[inline(always)]
-    fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
+    fn loss(&self, view: &View, loss: &mut Loss) {
         let (drone, way, own, w) = (view.drone(0), self.way(view), &self.settings, &self.settings.loss);
         loss.add("√(d² + {loss_radius}²)", smooth_norm(Self::error(view), w.radius));
         // the middle of the opening counts near its plane

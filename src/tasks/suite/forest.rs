@@ -18,7 +18,7 @@ use super::{
     StartAttitude, StartRange, farther, latch, less, made_of, more, nearer, rate_cost, speed_cost, squared,
     succeeds_once, times,
 };
-use crate::autodiff::{Mask, Scalar, safe};
+use crate::autodiff::{Array, Mask, Scalar, Trace, safe};
 use crate::controllers::reference::{Reference, Waypoint, Waypoints};
 use crate::dynamics::scene::{self, Scene};
 use crate::dynamics::shape::{Geometry, Pose};
@@ -156,19 +156,16 @@ fn bars(vehicle: &Vehicle) -> Vec<Bar> {
 
 impl Forest {
     /// p_t − p.
-    #[inline(always)]
     fn error<S: Scalar>(view: &View<'_, S>) -> Vec3<S> {
         sub(view.goal.array(0), view.drone(0).position)
     }
 
     /// (p_t − p)/d.
-    #[inline(always)]
     fn direction<S: Scalar>(error: Vec3<S>) -> Vec3<S> {
         scale(safe::recip_sqrt(safe::squared_norm(error), safe::SQUARED_NORM_FLOOR), error)
     }
 
     /// Least distance between the vehicle and a trunk, m: below the trunks' tops that of their outlines from above.
-    #[inline(always)]
     fn clearance<S: Scalar>(&self, view: &View<'_, S>) -> S {
         let drone = view.drone(0);
         let (zero, one) = (S::zero(), S::one());
@@ -181,7 +178,7 @@ impl Forest {
             let along = [b[0] - a[0], b[1] - a[1]];
             let inverse = safe::squared_norm(along).max(S::constant(1e-9)).recip();
             for i in 0..self.radii.len() {
-                let mut away = [view.goal.get(3 + 2 * i) - a[0], view.goal.get(4 + 2 * i) - a[1]];
+                let mut away = [view.goal[3 + 2 * i] - a[0], view.goal[4 + 2 * i] - a[1]];
                 if !is_ball {
                     let share = (along[0].mul_add(away[0], along[1] * away[1]) * inverse).max(zero).min(one);
                     away = [(-share).mul_add(along[0], away[0]), (-share).mul_add(along[1], away[1])];
@@ -241,14 +238,12 @@ impl Task for Forest {
         start.place(0, position, attitude);
     }
 
-    #[inline(always)]
-    fn remember<S: Scalar>(&self, view: &View<'_, S>, task_state: &mut impl Writer<S>) {
-        let reached = latch(view.task_state.get(0), nearer(Self::error(view), self.settings.success_distance));
+    fn remember(&self, view: &View, task_state: &mut Writer) {
+        let reached = latch(view.task_state[0], nearer(Self::error(view), self.settings.success_distance));
         task_state.field("reached", "-", "1 once d < {success_distance} m").number(reached);
     }
 
-    #[inline(always)]
-    fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut impl Writer<S>) {
+    fn observe(&self, view: &View, _: usize, out: &mut Writer) {
         let error = Self::error(view);
         out.field("direction", "-, world", "n").within(-1.0, 1.0).array(Self::direction(error));
         view.observe_drone(0, out);
@@ -256,26 +251,24 @@ impl Task for Forest {
         out.field("distance", "m", "d").number(safe::norm(error));
     }
 
-    #[inline(always)]
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
+    fn reward(&self, view: &View, terms: &mut Writer) {
         let (drone, own) = (view.drone(0), &self.settings);
         let n = Self::direction(Self::error(view));
         let v = drone.velocity;
         let towards = n[0].mul_add(v[0], n[1].mul_add(v[1], n[2] * v[2]));
-        let towards = towards.min(S::constant(own.speed)).max(S::constant(-own.speed));
+        let towards = towards.min(Trace::constant(own.speed)).max(Trace::constant(-own.speed));
         let most = own.reward_progress * own.speed;
         terms.term("progress", "{×reward_progress}min(v·n, {speed} m/s), no less than −{speed} m/s", most);
         terms.within(-most, most).piecewise().number(times(own.reward_progress, towards));
         terms.term("up", "{×reward_up}((u_z + 1)/2)²", own.reward_up).number(times(own.reward_up, upright(drone.up())));
-        terms.term("alive", "{×reward_alive}1", own.reward_alive).number(S::constant(own.reward_alive));
-        let clearance = self.clearance(view).max(S::constant(SAFETY[0])).min(S::constant(SAFETY[1]));
+        terms.term("alive", "{×reward_alive}1", own.reward_alive).number(Trace::constant(own.reward_alive));
+        let clearance = self.clearance(view).max(Trace::constant(SAFETY[0])).min(Trace::constant(SAFETY[1]));
         let [low, high] = SAFETY.map(|c| own.reward_safety * c.ln());
         terms.term("safety", "{×reward_safety}ln(c/m), c held within 0.05 to 4 m", high);
         terms.within(low, high).piecewise().number(times(own.reward_safety, clearance.ln()));
     }
 
-    #[inline(always)]
-    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
+    fn ends(&self, view: &View, ends: &mut Ends) {
         let (drone, own) = (view.drone(0), &self.settings);
         let [x, y, z] = drone.position;
         ends.when("crash", "z < {min_height} m", less(z, own.min_height));
@@ -287,28 +280,26 @@ impl Task for Forest {
         ends.when("contact", "c < 0", less(self.clearance(view), 0.0));
     }
 
-    #[inline(always)]
-    fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+    fn metrics(&self, view: &View, out: &mut Writer) {
         out.metric("position_error", "m", safe::norm(Self::error(view)));
         out.metric("uprightness", "-", view.drone(0).up()[2]);
         out.metric("clearance", "m", self.clearance(view));
         out.metric("speed", "m/s", safe::norm(view.drone(0).velocity));
     }
 
-    succeeds_once!(self, view: view.task_state.get(0), self.settings.success_distance);
+    succeeds_once!(self, view: view.task_state[0], self.settings.success_distance);
 
-    #[inline(always)]
-    fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
+    fn loss(&self, view: &View, loss: &mut Loss) {
         let (drone, own, error) = (view.drone(0), &self.settings, Self::error(view));
         // a second before the target it slows down
-        let slow = S::constant(own.loss_speed * own.loss_speed);
-        let pace = S::constant(own.loss_speed) * (safe::squared_norm(error) + slow).sqrt().recip();
+        let slow = Trace::constant(own.loss_speed * own.loss_speed);
+        let pace = Trace::constant(own.loss_speed) * (safe::squared_norm(error) + slow).sqrt().recip();
         loss.add(
             "{×loss_pace}h₅(v − v_t), v_t = {loss_speed} m/s (p_t − p)/√(d² + ({loss_speed} m)²)",
             speed_cost(own.loss_pace, sub(drone.velocity, scale(pace, error))),
         );
-        let clearance = self.clearance(view).max(S::constant(-0.2));
-        let near = (S::constant(-1.0 / own.loss_reach) * clearance).exp();
+        let clearance = self.clearance(view).max(Trace::constant(-0.2));
+        let near = (Trace::constant(-1.0 / own.loss_reach) * clearance).exp();
         loss.add("{×loss_clearance}e^{−max(c, −0.2 m)/{loss_reach} m}", times(own.loss_clearance, near));
         let turn = sub(drone.heading(), Self::direction(error));
         loss.add("{×loss_heading}‖h − n‖²", squared(own.loss_heading, turn));
@@ -354,7 +345,7 @@ impl Forest {
     fn path(&self, view: &View<'_, f64>, from: Vec3<f64>, to: Vec3<f64>) -> Option<Vec<[f64; 2]>> {
         let reach = self.bars.iter().flat_map(|bar| bar.ends.map(|end| safe::norm(end) + bar.radius));
         let reach = reach.fold(0.0, f64::max) + ROOM;
-        let circle = |i: usize| [view.goal.get(3 + 2 * i), view.goal.get(4 + 2 * i), self.radii[i] + reach];
+        let circle = |i: usize| [view.goal[3 + 2 * i], view.goal[4 + 2 * i], self.radii[i] + reach];
         let circles: Vec<_> = (0..self.radii.len()).map(circle).collect();
         let side = 0.5 * self.settings.width - reach;
         let bounds = [[from[0].min(to[0]) - 1.0, -side], [from[0].max(to[0]) + 1.0, side]];

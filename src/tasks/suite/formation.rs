@@ -8,7 +8,7 @@ use super::team::{
     CROWD, apart, crowded, free_team, lowest, mean_throttle_difference, observe_others, squared_separation,
 };
 use super::{PoseLoss, StartAttitude, eased, less, made_of, more, nearer, rate_cost, speed_cost, times};
-use crate::autodiff::{Mask, Scalar, safe};
+use crate::autodiff::{Array, Mask, Scalar, Trace, TraceMask, safe};
 use crate::controllers::reference::{Reference, Tilt, Waypoint, Waypoints};
 use crate::dynamics::spatial::{Quat, Vec3, add, constants, scale, sub};
 use crate::error::{Error, Result, finite};
@@ -185,7 +185,6 @@ impl BuiltIn for Formation {
 
 impl Formation {
     /// p̄.
-    #[inline(always)]
     fn mean<S: Scalar>(&self, view: &View<'_, S>) -> Vec3<S> {
         let mut sum = [S::zero(); 3];
         for i in 0..self.figure.len() {
@@ -195,19 +194,16 @@ impl Formation {
     }
 
     /// p̄ − p_c.
-    #[inline(always)]
     fn offset<S: Scalar>(&self, view: &View<'_, S>) -> Vec3<S> {
         sub(self.mean(view), constants(self.settings.center))
     }
 
     /// ‖(p_i − p̄) − (f_j − f̄)‖².
-    #[inline(always)]
     fn squared_gap<S: Scalar>(&self, view: &View<'_, S>, mean: Vec3<S>, i: usize, j: usize) -> S {
         safe::squared_norm(sub(sub(view.drone(i).position, mean), constants(self.figure[j])))
     }
 
     /// Of drone i the squared gap to the nearest point, of point i that to the nearest drone.
-    #[inline(always)]
     fn nearest<S: Scalar>(&self, view: &View<'_, S>, mean: Vec3<S>, i: usize) -> (S, S) {
         let mut of_drone = self.squared_gap(view, mean, i, 0);
         let mut of_point = self.squared_gap(view, mean, 0, i);
@@ -219,7 +215,6 @@ impl Formation {
     }
 
     /// H².
-    #[inline(always)]
     fn squared_hausdorff<S: Scalar>(&self, view: &View<'_, S>) -> S {
         let (n, mean) = (self.figure.len(), self.mean(view));
         let mut most = S::zero();
@@ -231,7 +226,6 @@ impl Formation {
     }
 
     /// p_c + f_i − p_i: what drone i has to go to its place.
-    #[inline(always)]
     fn way<S: Scalar>(&self, view: &View<'_, S>, i: usize) -> Vec3<S> {
         let place = add(constants(self.settings.center), view.goal.array(3 * i));
         sub(place, view.drone(i).position)
@@ -248,7 +242,6 @@ impl Formation {
     }
 
     /// Mean of h_x.
-    #[inline(always)]
     fn facing<S: Scalar>(&self, view: &View<'_, S>) -> S {
         let mut sum = S::zero();
         for i in 0..self.figure.len() {
@@ -258,8 +251,7 @@ impl Formation {
     }
 
     /// p_c − p_i and ŝ of a drone, and the way to its place where that is told.
-    #[inline(always)]
-    fn observe_own<S: Scalar>(&self, view: &View<'_, S>, i: usize, out: &mut impl Writer<S>) {
+    fn observe_own(&self, view: &View, i: usize, out: &mut Writer) {
         let to_center = sub(constants(self.settings.center), view.drone(i).position);
         out.field("center", "m, world", "p_c − p_i").array(to_center);
         view.observe_drone(i, out);
@@ -290,23 +282,20 @@ impl Task for Formation {
         self.settings.start.place(start, &from[..n], &attitudes, &to);
     }
 
-    #[inline(always)]
-    fn observe<S: Scalar>(&self, view: &View<'_, S>, agent: usize, out: &mut impl Writer<S>) {
+    fn observe(&self, view: &View, agent: usize, out: &mut Writer) {
         self.observe_own(view, agent, out);
         view.observe_clock(out);
         observe_others(view, agent, true, out);
     }
 
-    #[inline(always)]
-    fn central<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+    fn central(&self, view: &View, out: &mut Writer) {
         out.field("drones", "as observed", "center … of every drone");
         for i in 0..self.figure.len() {
-            self.observe_own(view, i, &mut out.unnamed());
+            out.unnamed(|out| self.observe_own(view, i, out));
         }
     }
 
-    #[inline(always)]
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
+    fn reward(&self, view: &View, terms: &mut Writer) {
         let (own, w) = (&self.settings, &self.settings.reward);
         let (near, place) = (apart(view, own.separation), exponential_kernel(1.0, self.offset(view)));
         let shape = near * rational_kernel(own.shape_scale, self.squared_hausdorff(view));
@@ -320,18 +309,16 @@ impl Task for Formation {
             .piecewise();
         terms.number(times(w.heading, shape) * self.facing(view));
         terms.term("center", "{×reward_center}r_s e^{−c}", w.center).piecewise();
-        terms.number(near * S::constant(w.center) * place);
+        terms.number(near * Trace::constant(w.center) * place);
     }
 
-    #[inline(always)]
-    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
+    fn ends(&self, view: &View, ends: &mut Ends) {
         let least = self.settings.min_separation;
         ends.when("crash", "min z_i < {min_height} m", less(lowest(view), self.settings.min_height));
         ends.when("touch", "sep < {min_separation} m", less(squared_separation(view), least * least));
     }
 
-    #[inline(always)]
-    fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+    fn metrics(&self, view: &View, out: &mut Writer) {
         let floor = safe::SQUARED_NORM_FLOOR;
         out.metric("hausdorff", "m", safe::sqrt(self.squared_hausdorff(view), floor));
         out.metric("center_error", "m", safe::norm(self.offset(view)));
@@ -340,8 +327,7 @@ impl Task for Formation {
         out.metric("throttle_difference", "-", mean_throttle_difference(view));
     }
 
-    #[inline(always)]
-    fn success<S: Scalar>(&self, view: &View<'_, S>) -> S::Mask {
+    fn success(&self, view: &View) -> TraceMask {
         let most = self.settings.success_distance;
         let facing = more(self.facing(view), self.settings.success_alignment);
         less(self.squared_hausdorff(view), most * most).and(nearer(self.offset(view), most)).and(facing)
@@ -353,18 +339,17 @@ impl Task for Formation {
         rule.above("heading_alignment", self.settings.success_alignment)
     }
 
-    #[inline(always)]
-    fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
+    fn loss(&self, view: &View, loss: &mut Loss) {
         let w = &self.settings.loss;
-        let mut own = S::zero();
+        let mut own = Trace::zero();
         for i in 0..self.figure.len() {
             let drone = view.drone(i);
             own += speed_cost(w.motion.velocity, drone.velocity);
             own += rate_cost(w.motion.rate, drone.angular_velocity);
-            own += times(w.turn, S::one() - drone.heading()[0]);
+            own += times(w.turn, Trace::one() - drone.heading()[0]);
             own += smooth_norm(self.way(view, i), w.motion.radius);
         }
-        let mean = S::constant(1.0 / self.figure.len() as f64) * own;
+        let mean = Trace::constant(1.0 / self.figure.len() as f64) * own;
         loss.add(CROWD, crowded(self.settings.loss_crowd, view, self.settings.loss_separation));
         let formula = "mean(√(‖p_c + f_i − p_i‖² + {loss_radius}²) + {×loss_velocity}h₅(v_i) + {×loss_rate}h₁₀(ω_i) + \
              {×loss_turn}(1 − h_i,x))";

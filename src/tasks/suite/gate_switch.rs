@@ -20,7 +20,7 @@ use super::team::{
 use super::{
     MotionLoss, PoseReward, StartAttitude, StartRange, latch, less, made_of, more, rate_cost, speed_cost, times,
 };
-use crate::autodiff::{Mask, Scalar, safe};
+use crate::autodiff::{Array, Mask, Scalar, Trace, TraceMask, safe};
 use crate::controllers::reference::{Reference, Tilt, Waypoint, Waypoints};
 use crate::dynamics::scene::{FAR, Gate, Scene};
 use crate::dynamics::shape::Pose;
@@ -121,45 +121,38 @@ fn turned(i: usize, [x, y, z]: Vec3<f64>) -> Vec3<f64> {
 
 impl GateSwitch {
     /// p_t,i − p_i.
-    #[inline(always)]
     fn error<S: Scalar>(view: &View<'_, S>, i: usize) -> Vec3<S> {
         sub(view.goal.array(3 * i), view.drone(i).position)
     }
 
     /// max ‖p_t,i − p_i‖².
-    #[inline(always)]
     fn squared_error<S: Scalar>(view: &View<'_, S>) -> S {
         safe::squared_norm(Self::error(view, 0)).max(safe::squared_norm(Self::error(view, 1)))
     }
 
     /// g − p_i.
-    #[inline(always)]
     fn way<S: Scalar>(&self, view: &View<'_, S>, i: usize) -> Vec3<S> {
         sub(constants(self.gate.position), view.drone(i).position)
     }
 
     /// a_i: how far drone i is beyond the gate, negative before it, m.
-    #[inline(always)]
     fn beyond<S: Scalar>(view: &View<'_, S>, i: usize) -> S {
         times(sign(i), view.drone(i).position[0])
     }
 
     /// 1 where drone i goes first, else 0.
-    #[inline(always)]
     fn goes_first<S: Scalar>(view: &View<'_, S>, i: usize) -> S {
-        let second = view.goal.get(FIRST);
+        let second = view.goal[FIRST];
         if i == 0 { S::one() - second } else { second }
     }
 
     /// 1 where drone i may go through, else 0.
-    #[inline(always)]
     fn may_go<S: Scalar>(view: &View<'_, S>, i: usize) -> S {
         let first = Self::goes_first(view, i);
-        (S::one() - first).mul_add(view.task_state.get(TURN), first)
+        (S::one() - first).mul_add(view.task_state[TURN], first)
     }
 
     /// Where the loss wants drone i, less where it is: at its target, or where it waits.
-    #[inline(always)]
     fn wanted<S: Scalar>(view: &View<'_, S>, i: usize) -> Vec3<S> {
         let (go, position) = (more(Self::may_go(view, i), 0.5), view.drone(i).position);
         let (target, waiting): (Vec3<S>, Vec3<S>) = (view.goal.array(3 * i), view.goal.array(WAITING));
@@ -171,7 +164,6 @@ impl GateSwitch {
     }
 
     /// Least distance between a drone and the gate's bars, m.
-    #[inline(always)]
     fn clearance<S: Scalar>(&self, view: &View<'_, S>) -> S {
         let pose = Pose { position: constants(self.gate.position), attitude: constants(self.gate.rotation) };
         let mut least = S::constant(FAR);
@@ -200,13 +192,12 @@ impl GateSwitch {
     }
 
     /// What drone i sees of itself.
-    #[inline(always)]
-    fn observe_own<S: Scalar>(&self, view: &View<'_, S>, i: usize, out: &mut impl Writer<S>) {
+    fn observe_own(&self, view: &View, i: usize, out: &mut Writer) {
         view.observe_drone(i, out);
         out.field("target", "m, world", "p_t,i − p_i").array(Self::error(view, i));
         out.field("gate", "m, world", "g − p_i").array(self.way(view, i));
         out.field("direction", "-", "1 where it flies along x, −1 against it").within(-1.0, 1.0);
-        out.number(S::constant(sign(i)));
+        out.number(Trace::constant(sign(i)));
         out.field("turn", "-", "1 where it may go, else 0").within(0.0, 1.0).number(Self::may_go(view, i));
     }
 }
@@ -241,13 +232,12 @@ impl Task for GateSwitch {
         self.set_goal(start, targets, from);
     }
 
-    #[inline(always)]
-    fn remember<S: Scalar>(&self, view: &View<'_, S>, task_state: &mut impl Writer<S>) {
+    fn remember(&self, view: &View, task_state: &mut Writer) {
         let own = &self.settings;
-        let (mut missed, mut turn) = (S::zero(), view.task_state.get(TURN));
+        let (mut missed, mut turn) = (Trace::zero(), view.task_state[TURN]);
         task_state.field("crossed", "-", "1 once a_i > 0, of both drones");
         for i in 0..N {
-            let (crossed, way, beyond) = (view.task_state.get(i), self.way(view, i), Self::beyond(view, i));
+            let (crossed, way, beyond) = (view.task_state[i], self.way(view, i), Self::beyond(view, i));
             let inside = less(way[1].abs(), own.gate_aperture).and(less(way[2].abs(), own.gate_aperture));
             let now = more(beyond, 0.0);
             missed = latch(missed, now.and(less(crossed, 0.5)).and(inside.not()));
@@ -261,33 +251,30 @@ impl Task for GateSwitch {
         task_state.field("clearance", "m", "c after the last step").number(self.clearance(view));
     }
 
-    #[inline(always)]
-    fn observe<S: Scalar>(&self, view: &View<'_, S>, agent: usize, out: &mut impl Writer<S>) {
+    fn observe(&self, view: &View, agent: usize, out: &mut Writer) {
         self.observe_own(view, agent, out);
         view.observe_clock(out);
         observe_others(view, agent, true, out);
     }
 
-    #[inline(always)]
-    fn central<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+    fn central(&self, view: &View, out: &mut Writer) {
         out.field("drones", "as observed", "attitude … turn of both drones");
         for i in 0..N {
-            self.observe_own(view, i, &mut out.unnamed());
+            out.unnamed(|out| self.observe_own(view, i, out));
         }
     }
 
-    #[inline(always)]
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
+    fn reward(&self, view: &View, terms: &mut Writer) {
         let (own, w) = (&self.settings, &self.settings.reward);
-        let [mut pose, mut gate, mut up, mut spin] = [S::zero(); 4];
+        let [mut pose, mut gate, mut up, mut spin] = [Trace::zero(); 4];
         for i in 0..N {
             let (drone, way, beyond) = (view.drone(i), self.way(view, i), Self::beyond(view, i));
             let near = exponential_kernel(own.pose_scale, Self::error(view, i));
-            let kept = near + S::constant(own.pose_floor);
-            let beside = (way[1].abs() + way[2].abs()).min(S::constant(FAR_BESIDE));
-            let middle = (S::constant(0.8) - beside) * beyond.min(S::zero()).exp();
+            let kept = near + Trace::constant(own.pose_floor);
+            let beside = (way[1].abs() + way[2].abs()).min(Trace::constant(FAR_BESIDE));
+            let middle = (Trace::constant(0.8) - beside) * beyond.min(Trace::zero()).exp();
             pose += near;
-            gate += S::select(less(beyond, 0.0), middle, S::one());
+            gate += Trace::select(less(beyond, 0.0), middle, Trace::one());
             up += kept * upright(drone.up());
             spin += kept * still(drone.angular_velocity);
         }
@@ -306,8 +293,7 @@ impl Task for GateSwitch {
         terms.number(times(w.effort, view.mean_effort_reward()));
     }
 
-    #[inline(always)]
-    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
+    fn ends(&self, view: &View, ends: &mut Ends) {
         let own = &self.settings;
         let (least, most) = (own.min_separation, own.max_distance);
         let side = view.drone(0).position[1].abs().max(view.drone(1).position[1].abs());
@@ -317,23 +303,21 @@ impl Task for GateSwitch {
         ends.when("far", "max d_i > {max_distance} m", more(Self::squared_error(view), most * most));
         let missed =
             "not |g_y − y_i| < {gate_aperture} m and |g_z − z_i| < {gate_aperture} m in the first step with a_i > 0";
-        ends.when("missed", missed, more(view.task_state.get(MISSED), 0.5));
-        ends.when("contact", "c < 0", less(view.task_state.get(CLEARANCE), 0.0));
+        ends.when("missed", missed, more(view.task_state[MISSED], 0.5));
+        ends.when("contact", "c < 0", less(view.task_state[CLEARANCE], 0.0));
         ends.when("touch", "sep < {min_separation} m", less(squared_separation(view), least * least));
     }
 
-    #[inline(always)]
-    fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+    fn metrics(&self, view: &View, out: &mut Writer) {
         let floor = safe::SQUARED_NORM_FLOOR;
         out.metric("position_error", "m", safe::sqrt(Self::squared_error(view), floor));
         out.metric("separation", "m", safe::sqrt(squared_separation(view), floor));
-        out.metric("clearance", "m", view.task_state.get(CLEARANCE));
-        out.metric("crossed", "-", view.task_state.get(0) + view.task_state.get(1));
+        out.metric("clearance", "m", view.task_state[CLEARANCE]);
+        out.metric("crossed", "-", view.task_state[0] + view.task_state[1]);
         out.metric("throttle_difference", "-", mean_throttle_difference(view));
     }
 
-    #[inline(always)]
-    fn success<S: Scalar>(&self, view: &View<'_, S>) -> S::Mask {
+    fn success(&self, view: &View) -> TraceMask {
         let most = self.settings.success_distance;
         less(Self::squared_error(view), most * most)
     }
@@ -342,10 +326,9 @@ impl Task for GateSwitch {
         Success::below("position_error", self.settings.success_distance)
     }
 
-    #[inline(always)]
-    fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
+    fn loss(&self, view: &View, loss: &mut Loss) {
         let (own, w) = (&self.settings, &self.settings.loss);
-        let mut sum = S::zero();
+        let mut sum = Trace::zero();
         for i in 0..N {
             let (drone, way) = (view.drone(i), self.way(view, i));
             sum += smooth_norm(Self::wanted(view, i), w.radius);
@@ -356,8 +339,8 @@ impl Task for GateSwitch {
         }
         let formula = "mean(√(‖w_i − p_i‖² + {loss_radius}²) + {×loss_gate}h₅(b, c)/(1 + 4a²) + {×loss_velocity}h₅(v_i) + \
              {×loss_rate}h₁₀(ω_i)), (a, b, c) = g − p_i";
-        loss.add(formula, S::constant(1.0 / N as f64) * sum);
-        loss.add(NEARNESS, nearness(own.loss_clearance, view.task_state.get(CLEARANCE)));
+        loss.add(formula, Trace::constant(1.0 / N as f64) * sum);
+        loss.add(NEARNESS, nearness(own.loss_clearance, view.task_state[CLEARANCE]));
         loss.add(CROWD, crowded(own.loss_crowd, view, own.loss_separation));
     }
 

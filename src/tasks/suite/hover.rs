@@ -9,7 +9,7 @@ use super::{
     PoseLoss, PoseReward, PoseSuccess, StartRange, drive_loss, ease_of_flight, farther, less, made_of, rate_cost,
     speed_cost, squared, succeeds_within, times,
 };
-use crate::autodiff::{Mask, Scalar, safe};
+use crate::autodiff::{Array, Mask, Scalar, safe};
 use crate::dynamics::spatial::{Vec3, constants, dot, rotate, sub, yawed};
 use crate::error::Result;
 use crate::settings;
@@ -58,13 +58,11 @@ pub(super) fn set_heading(start: &mut Start<'_>, heading: Vec3<f64>) {
 
 impl Hover {
     /// p_t − p.
-    #[inline(always)]
     fn error<S: Scalar>(&self, view: &View<'_, S>) -> Vec3<S> {
         sub(constants(self.settings.target), view.drone(0).position)
     }
 
     /// h_t − h.
-    #[inline(always)]
     fn heading_error<S: Scalar>(view: &View<'_, S>) -> Vec3<S> {
         sub(view.goal.array(0), view.drone(0).heading())
     }
@@ -94,16 +92,14 @@ impl Task for Hover {
         }
     }
 
-    #[inline(always)]
-    fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut impl Writer<S>) {
+    fn observe(&self, view: &View, _: usize, out: &mut Writer) {
         out.field("target", "m, world", "p_t − p").array(self.error(view));
         view.observe_drone(0, out);
         out.field("heading_error", "-, world", "h_t − h").within(-2.0, 2.0).array(Self::heading_error(view));
         view.observe_clock(out);
     }
 
-    #[inline(always)]
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
+    fn reward(&self, view: &View, terms: &mut Writer) {
         let (drone, own, w) = (view.drone(0), &self.settings, &self.settings.reward);
         let pose =
             rational_kernel(own.pose_scale, safe::squared_norm(both(self.error(view), Self::heading_error(view))));
@@ -114,15 +110,13 @@ impl Task for Hover {
         terms.term("effort", "{×reward_effort}e^{−e}", w.effort).number(ease_of_flight(w.effort, view));
     }
 
-    #[inline(always)]
-    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
+    fn ends(&self, view: &View, ends: &mut Ends) {
         ends.when("crash", "z < {min_height} m", less(view.drone(0).position[2], self.settings.min_height));
         let error = both(self.error(view), Self::heading_error(view));
         ends.when("far", "d > {max_distance}", farther(error, self.settings.max_distance));
     }
 
-    #[inline(always)]
-    fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+    fn metrics(&self, view: &View, out: &mut Writer) {
         let drone = view.drone(0);
         out.metric("position_error", "m", safe::norm(self.error(view)));
         out.metric("heading_alignment", "-", dot(drone.heading(), view.goal.array::<3>(0)));
@@ -136,8 +130,7 @@ impl Task for Hover {
         "uprightness": view.drone(0).up()[2], self.settings.success.alignment
     );
 
-    #[inline(always)]
-    fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
+    fn loss(&self, view: &View, loss: &mut Loss) {
         let (drone, w) = (view.drone(0), &self.settings.loss);
         loss.add("√(‖p_t − p‖² + {loss_radius}²)", smooth_norm(self.error(view), w.motion.radius));
         loss.add("{×loss_velocity}h₅(v)", speed_cost(w.motion.velocity, drone.velocity));
@@ -151,7 +144,7 @@ impl Task for Hover {
     }
 
     fn reference(&self, view: &View<'_, f64>) -> Option<TaskReference> {
-        let yaw = view.goal.get(1).atan2(view.goal.get(0));
+        let yaw = view.goal[1].atan2(view.goal[0]);
         Some(TaskReference::way(&view.drone(0), self.settings.target, yaw, 0.7))
     }
 

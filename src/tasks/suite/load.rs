@@ -14,7 +14,7 @@ use super::obstacles::{Bars, BarsSettings, rounded, softened, touching};
 use super::{
     MotionLoss, PathSuccess, StartAttitude, StartRange, along_the_course, latch, rate_cost, speed_cost, times,
 };
-use crate::autodiff::{Scalar, safe};
+use crate::autodiff::{Scalar, Trace, TraceMask, safe};
 use crate::controllers::reference::{Carried, LoadPath, Reference};
 use crate::dynamics::Vehicle;
 use crate::dynamics::assembly::Member;
@@ -207,28 +207,25 @@ impl Load {
 
     /// The way of the drone for a path of the ball.
     fn carried(&self, view: &View<'_, f64>, path: LoadPath) -> TaskReference {
-        let carried = Reference::Carried(Carried { path, lever: -self.sign * view.goal.get(0) });
+        let carried = Reference::Carried(Carried { path, lever: -self.sign * view.goal[0] });
         TaskReference::one(carried).of(self.ball(view).position)
     }
 
     /// Position and velocity of the ball, attitude and angular velocity of the bar.
-    #[inline(always)]
     pub(super) fn ball<S: Scalar>(&self, view: &View<'_, S>) -> Frame<S> {
         let bar = view.frame(self.bar);
-        let end = S::constant(self.sign) * view.goal.get(0);
+        let end = S::constant(self.sign) * view.goal[0];
         let (position, velocity) = bar.point([S::zero(), S::zero(), end]);
         Frame { position, velocity, ..bar }
     }
 
     /// p − q.
-    #[inline(always)]
-    pub(super) fn observe_lever<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+    pub(super) fn observe_lever(&self, view: &View, out: &mut Writer) {
         out.field("drone_from_ball", "m, world", "p − q").array(sub(view.drone(0).position, self.ball(view).position));
     }
 
     /// v_q, ω_b.
-    #[inline(always)]
-    pub(super) fn observe_motion<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+    pub(super) fn observe_motion(&self, view: &View, out: &mut Writer) {
         let ball = self.ball(view);
         out.field("ball_velocity", "m/s, world", "v_q = q̇").array(ball.velocity);
         out.field("bar_angular_velocity", "rad/s, world", "ω_b").array(ball.angular_velocity);
@@ -264,19 +261,17 @@ fn without_stops(model: &Model) -> Result<Model> {
 }
 
 /// w (1 − b) of a bar: what training losses pay for a pendulum that leans.
-#[inline(always)]
 pub(super) fn leaning<S: Scalar>(weight: f64, ball: &Frame<S>) -> S {
     times(weight, S::one() - ball.up()[2])
 }
 
 /// Distance, slip of the ball against `velocity` and the drone's rate.
-#[inline(always)]
-fn motion_loss<S: Scalar>(
-    view: &View<'_, S>,
+fn motion_loss(
+    view: &View,
     w: &MotionLoss,
-    error: Vec3<S>,
-    (formula, slip): (&'static str, Vec3<S>),
-    loss: &mut impl Loss<S>,
+    error: Vec3<Trace>,
+    (formula, slip): (&'static str, Vec3<Trace>),
+    loss: &mut Loss,
 ) {
     loss.add("√(d² + {loss_radius}²)", smooth_norm(error, w.radius));
     loss.add(formula, speed_cost(w.velocity, slip));
@@ -284,14 +279,7 @@ fn motion_loss<S: Scalar>(
 }
 
 /// [`motion_loss`] of a ball that should stand still.
-#[inline(always)]
-pub(super) fn hold_loss<S: Scalar>(
-    view: &View<'_, S>,
-    w: &MotionLoss,
-    error: Vec3<S>,
-    ball: &Frame<S>,
-    loss: &mut impl Loss<S>,
-) {
+pub(super) fn hold_loss(view: &View, w: &MotionLoss, error: Vec3<Trace>, ball: &Frame<Trace>, loss: &mut Loss) {
     motion_loss(view, w, error, ("{×loss_velocity}h₅(v_q)", ball.velocity), loss);
 }
 
@@ -314,7 +302,7 @@ impl LoadTrack {
 
     /// Where the drone must be for the ball to follow the path.
     pub(super) fn reference(&self, view: &View<'_, f64>) -> Option<TaskReference> {
-        let path = self.path.reference(&view.goal.from(LOAD), view.drone(0).yaw());
+        let path = self.path.reference(&view.goal[LOAD..], view.drone(0).yaw());
         Some(self.load.carried(view, LoadPath::Lemniscate(path)))
     }
 
@@ -334,28 +322,24 @@ impl LoadTrack {
     }
 
     /// p_ref(k) − q.
-    #[inline(always)]
     pub(super) fn error<S: Scalar>(&self, view: &View<'_, S>) -> Vec3<S> {
-        sub(self.path.at(&view.goal.from(LOAD), view.step), self.load.ball(view).position)
+        sub(self.path.at(&view.goal[LOAD..], view.step), self.load.ball(view).position)
     }
 
     /// The path ahead, seen from the ball.
-    #[inline(always)]
-    pub(super) fn observe_ahead<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+    pub(super) fn observe_ahead(&self, view: &View, out: &mut Writer) {
         out.field("path", "m, world", "p_ref(k + 5i) − q for i = 0 … 5");
-        self.path.observe(&view.goal.from(LOAD), view.step, POINTS, self.load.ball(view).position, out);
+        self.path.observe(&view.goal[LOAD..], view.step, POINTS, self.load.ball(view).position, out);
     }
 
     /// d > the reset distance of the episode.
-    #[inline(always)]
     pub(super) fn far<S: Scalar>(&self, view: &View<'_, S>) -> S::Mask {
-        self.path.far(&view.goal.from(LOAD), self.error(view))
+        self.path.far(&view.goal[LOAD..], self.error(view))
     }
 
     /// Distance, slip against the path and the drone's rate.
-    #[inline(always)]
-    pub(super) fn loss<S: Scalar>(&self, w: &MotionLoss, view: &View<'_, S>, loss: &mut impl Loss<S>) {
-        let slip = sub(self.path.velocity(&view.goal.from(LOAD), view.step), self.load.ball(view).velocity);
+    pub(super) fn loss(&self, w: &MotionLoss, view: &View, loss: &mut Loss) {
+        let slip = sub(self.path.velocity(&view.goal[LOAD..], view.step), self.load.ball(view).velocity);
         motion_loss(view, w, self.error(view), ("{×loss_velocity}h₅(ṗ_ref − v_q)", slip), loss);
     }
 
@@ -412,20 +396,18 @@ impl LoadCourse {
     }
 
     /// Keeps whether the goal was reached once.
-    #[inline(always)]
-    pub(super) fn remember<S: Scalar>(view: &View<'_, S>, now: S::Mask, task_state: &mut impl Writer<S>) {
-        let reached = latch(view.task_state.get(0), now);
+    pub(super) fn remember(view: &View, now: TraceMask, task_state: &mut Writer) {
+        let reached = latch(view.task_state[0], now);
         task_state.field("reached", "-", "1 once d < {success_distance} m").number(reached);
     }
 
     /// Figures of both tasks, with what the middle one is called.
-    #[inline(always)]
-    pub(super) fn metrics<S: Scalar>(
+    pub(super) fn metrics(
         &self,
-        view: &View<'_, S>,
-        error: Vec3<S>,
-        (name, upright): (&'static str, S),
-        out: &mut impl Writer<S>,
+        view: &View,
+        error: Vec3<Trace>,
+        (name, upright): (&'static str, Trace),
+        out: &mut Writer,
     ) {
         out.metric("position_error", "m", safe::norm(error));
         out.metric(name, "-", upright);

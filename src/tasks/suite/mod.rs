@@ -41,7 +41,7 @@ mod tests;
 use super::declare::Loss;
 use super::reward::pseudo_huber;
 use super::task::{ANY_YAW, START_TILT, Start, View, eased};
-use crate::autodiff::{Scalar, safe};
+use crate::autodiff::{Scalar, Trace, safe};
 use crate::dynamics::spatial::{Quat, Vec3};
 use crate::settings;
 
@@ -150,13 +150,11 @@ settings! {
 }
 
 /// w x.
-#[inline(always)]
 pub(crate) fn times<S: Scalar>(weight: f64, x: S) -> S {
     S::constant(weight) * x
 }
 
 /// w ‖x‖².
-#[inline(always)]
 pub(crate) fn squared<S: Scalar, const N: usize>(weight: f64, x: [S; N]) -> S {
     times(weight, safe::squared_norm(x))
 }
@@ -166,63 +164,54 @@ const FAST: f64 = 5.0;
 const SPINNING: f64 = 10.0;
 
 /// w h₅(v) of a velocity.
-#[inline(always)]
 pub(crate) fn speed_cost<S: Scalar, const N: usize>(weight: f64, velocity: [S; N]) -> S {
     times(weight, pseudo_huber(velocity, FAST))
 }
 
 /// w h₁₀(ω) of an angular velocity or the rates of joints.
-#[inline(always)]
 pub(crate) fn rate_cost<S: Scalar, const N: usize>(weight: f64, rate: [S; N]) -> S {
     times(weight, pseudo_huber(rate, SPINNING))
 }
 
 /// Adds w mean h₁₀(q̇) over the drives of the only drone, where it has any.
-#[inline(always)]
-pub(crate) fn drive_loss<S: Scalar>(weight: f64, view: &View<'_, S>, loss: &mut impl Loss<S>) {
+pub(crate) fn drive_loss(weight: f64, view: &View, loss: &mut Loss) {
     let drives = &view.robot.drone().drives;
     if drives.is_empty() {
         return;
     }
-    let mut sum = S::zero();
+    let mut sum = Trace::zero();
     for i in 0..drives.len() {
-        sum += rate_cost(weight / drives.len() as f64, [view.state.get(drives[i].rate)]);
+        sum += rate_cost(weight / drives.len() as f64, [view.state[drives[i].rate]]);
     }
     loss.add("{×loss_drives}mean h₁₀(q̇) over the drives", sum);
 }
 
 /// ‖x‖ < `limit`.
-#[inline(always)]
 pub(crate) fn nearer<S: Scalar, const N: usize>(x: [S; N], limit: f64) -> S::Mask {
     safe::squared_norm(x).lt(S::constant(limit * limit))
 }
 
 /// ‖x‖ > `limit`.
-#[inline(always)]
 pub(crate) fn farther<S: Scalar, const N: usize>(x: [S; N], limit: f64) -> S::Mask {
     S::constant(limit * limit).lt(safe::squared_norm(x))
 }
 
 /// x < `limit`.
-#[inline(always)]
 pub(crate) fn less<S: Scalar>(x: S, limit: f64) -> S::Mask {
     x.lt(S::constant(limit))
 }
 
 /// x > `limit`.
-#[inline(always)]
 pub(crate) fn more<S: Scalar>(x: S, limit: f64) -> S::Mask {
     S::constant(limit).lt(x)
 }
 
 /// w e^{−e} of the only drone.
-#[inline(always)]
 pub(crate) fn ease_of_flight<S: Scalar>(weight: f64, view: &View<'_, S>) -> S {
     times(weight, (-view.effort(0)).exp())
 }
 
 /// A flag of the task state that stays 1 once the mask held.
-#[inline(always)]
 pub(crate) fn latch<S: Scalar>(flag: S, now: S::Mask) -> S {
     S::select(now, S::one(), flag)
 }
@@ -247,8 +236,7 @@ pub(crate) use made_of;
 /// while: what is asked and what is said of it.
 macro_rules! succeeds_within {
     ($own:ident, $view:ident: $error:expr, $limit:expr $(, $metric:literal: $aligned:expr, $least:expr)* $(; held $held:expr)?) => {
-        #[inline(always)]
-        fn success<S: Scalar>(&$own, $view: &View<'_, S>) -> S::Mask {
+        fn success(&$own, $view: &$crate::tasks::View<'_>) -> $crate::autodiff::TraceMask {
             crate::tasks::suite::nearer($error, $limit)$(.and(crate::tasks::suite::more($aligned, $least)))*
         }
         fn success_rule(&$own) -> crate::tasks::Success {
@@ -261,8 +249,7 @@ pub(crate) use succeeds_within;
 /// A success in any step by a flag of the task state and an error within a limit.
 macro_rules! succeeds_once {
     ($own:ident, $view:ident: $flag:expr, $limit:expr $(, $metric:literal: $least:expr)* $(; $also:expr)?) => {
-        #[inline(always)]
-        fn success<S: Scalar>(&$own, $view: &View<'_, S>) -> S::Mask {
+        fn success(&$own, $view: &$crate::tasks::View<'_>) -> $crate::autodiff::TraceMask {
             crate::tasks::suite::more($flag, 0.5)
         }
         fn success_rule(&$own) -> crate::tasks::Success {

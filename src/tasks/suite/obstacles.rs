@@ -10,7 +10,7 @@
 //! a team with what it holds: its thin bars are thinner than the way on which a vehicle's share of k would stop it. Ours.
 
 use super::{eased, times};
-use crate::autodiff::{Mask, Scalar, StridedView};
+use crate::autodiff::{Mask, Scalar, Trace};
 use crate::dynamics::assembly::{Member, rod};
 use crate::dynamics::configurations::environment;
 use crate::dynamics::contact::ContactMaterial;
@@ -157,7 +157,7 @@ impl Skin {
         let mut frames = vec![0.0; robot.n_frame() * FRAME];
         robot.plant().write_frames(&robot.parameters(), &state, &mut frames);
         let on_root = |(body, shape): (usize, Shape)| {
-            let carrier = Frame::read(&StridedView::of(&frames[..]).from(body * FRAME));
+            let carrier = Frame::read(&frames[body * FRAME..]);
             let pose = shape.pose(&Pose { position: carrier.position, attitude: carrier.attitude });
             (0, Shape { position: pose.position, rotation: pose.attitude, ..shape })
         };
@@ -165,7 +165,6 @@ impl Skin {
     }
 
     /// Least distance to capsules of `radius` around `axes`, m: negative where they touch.
-    #[inline(always)]
     pub(super) fn clearance<S: Scalar, const N: usize>(
         &self,
         view: &View<'_, S>,
@@ -189,7 +188,6 @@ impl Skin {
 }
 
 /// Least distance of a shape on a carrier to capsules of `radius` around `axes`, m.
-#[inline(always)]
 fn gap<S: Scalar, const N: usize>(shape: &Shape, carrier: &Pose<S>, axes: [[Vec3<S>; 2]; N], radius: f64) -> S {
     let pose = shape.pose(carrier);
     let mut least = S::constant(FAR);
@@ -200,19 +198,16 @@ fn gap<S: Scalar, const N: usize>(shape: &Shape, carrier: &Pose<S>, axes: [[Vec3
 }
 
 /// Whether a clearance means touch.
-#[inline(always)]
 pub(super) fn touches<S: Scalar>(clearance: S) -> S::Mask {
     clearance.lt(S::zero())
 }
 
 /// 1 where nothing touches, else 0.
-#[inline(always)]
 pub(super) fn free<S: Scalar>(clearance: S) -> S {
     S::select(touches(clearance), S::zero(), S::one())
 }
 
 /// The mask of an end that a setting switches on.
-#[inline(always)]
 pub(super) fn where_on<S: Scalar>(on: bool, mask: S::Mask) -> S::Mask {
     if on { mask } else { mask.and(mask.not()) }
 }
@@ -221,7 +216,6 @@ pub(super) fn where_on<S: Scalar>(on: bool, mask: S::Mask) -> S::Mask {
 pub(super) const NEARNESS: &str = "{×loss_clearance}e^{−10 max(clearance, −0.2 m)}";
 
 /// w e^{−10 c} of a clearance held above −0.2 m.
-#[inline(always)]
 pub(super) fn nearness<S: Scalar>(weight: f64, clearance: S) -> S {
     times(weight, (S::constant(-10.0) * clearance.max(S::constant(-0.2))).exp())
 }
@@ -287,34 +281,31 @@ impl Bars {
         }
     }
 
-    #[inline(always)]
-    fn axes<S: Scalar>(&self, goal: &StridedView<'_, S>) -> [[Vec3<S>; 2]; BARS] {
+    fn axes<S: Scalar>(&self, goal: &[S]) -> [[Vec3<S>; 2]; BARS] {
         let (zero, y) = (S::zero(), S::constant(HALF_LENGTH));
         let mut axes = [[[zero; 3]; 2]; BARS];
         for i in 0..BARS {
-            let z = goal.get(self.goal + i);
+            let z = goal[self.goal + i];
             axes[i] = [[zero, -y, z], [zero, y, z]];
         }
         axes
     }
 
     /// Least distance of everything that flies, m.
-    #[inline(always)]
     pub(super) fn clearance<S: Scalar>(&self, view: &View<'_, S>) -> S {
-        self.skin.clearance(view, self.axes(&view.goal), RADIUS)
+        self.skin.clearance(view, self.axes(view.goal), RADIUS)
     }
 
     /// Whether a skin at rest, its root at `pose`, is clear of the bars as drawn.
     pub(super) fn clear_of(&self, start: &Start<'_>, rest: &Skin, pose: &Pose<f64>) -> bool {
-        rest.clearance_at(pose, self.axes(&StridedView::of(&start.goal[..])), RADIUS) > 0.0
+        rest.clearance_at(pose, self.axes(&start.goal), RADIUS) > 0.0
     }
 
     /// Where they are, seen from `position`.
-    #[inline(always)]
-    pub(super) fn observe<S: Scalar>(&self, view: &View<'_, S>, position: Vec3<S>, out: &mut impl Writer<S>) {
+    pub(super) fn observe(&self, view: &View, position: Vec3<Trace>, out: &mut Writer) {
         out.field("bars", "m, world", "(x, z) of lower and upper bar − (x, z) of p");
         for i in 0..BARS {
-            out.array([-position[0], view.goal.get(self.goal + i) - position[2]]);
+            out.array([-position[0], view.goal[self.goal + i] - position[2]]);
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use super::team::{LoadNames, TeamSettings, mean_throttle_difference, squared_sum};
 use super::{PoseLoss, PoseReward, rate_cost, speed_cost, squared, times};
-use crate::autodiff::{Scalar, StridedView, safe};
+use crate::autodiff::{Array, Scalar, Trace, safe};
 use crate::controllers::reference::Tilt;
 use crate::dynamics::Vehicle;
 use crate::dynamics::configurations::{PER_DEGREE, Platform};
@@ -91,14 +91,12 @@ pub(crate) fn pose_reference(view: &View<'_, f64>, target: [f64; 3]) -> TaskRefe
 }
 
 /// ((u·u_t + 1)/2)².
-#[inline(always)]
 pub fn aligned<S: Scalar>(up: Vec3<S>, wanted: Vec3<S>) -> S {
     (S::constant(0.5) * (dot(up, wanted) + S::one())).square()
 }
 
 /// (p_t − p, h_t − h, u_t − u).
-#[inline(always)]
-pub(crate) fn pose_error<S: Scalar>(frame: &Frame<S>, target: [f64; 3], goal: &StridedView<'_, S>) -> [S; 9] {
+pub(crate) fn pose_error<S: Scalar>(frame: &Frame<S>, target: [f64; 3], goal: &[S]) -> [S; 9] {
     let p = sub(constants(target), frame.position);
     let h = sub(goal.array(0), frame.heading());
     let u = sub(goal.array(3), frame.up());
@@ -106,27 +104,24 @@ pub(crate) fn pose_error<S: Scalar>(frame: &Frame<S>, target: [f64; 3], goal: &S
 }
 
 /// Writes a [`pose_error`].
-#[inline(always)]
-pub(crate) fn observe_error<S: Scalar>(e: &[S; 9], out: &mut impl Writer<S>) {
+pub(crate) fn observe_error(e: &[Trace; 9], out: &mut Writer) {
     out.field("target", "m, world", "p_t − p").array([e[0], e[1], e[2]]);
     out.field("heading_error", "-, world", "h_t − h").within(-2.0, 2.0).array([e[3], e[4], e[5]]);
     out.field("up_error", "-, world", "u_t − u").within(-2.0, 2.0).array([e[6], e[7], e[8]]);
 }
 
 /// p_t − p of a [`pose_error`].
-#[inline(always)]
 pub(crate) fn place_error<S: Scalar>(error: &[S; 9]) -> Vec3<S> {
     [error[0], error[1], error[2]]
 }
 
 /// The reward of a pose r_p, aligned with u_t and without spin, whose term is open.
-#[inline(always)]
-pub(crate) fn pose_reward<S: Scalar>(
-    view: &View<'_, S>,
-    (pose, smoothness): (S, Smoothness),
-    up: Vec3<S>,
+pub(crate) fn pose_reward(
+    view: &View,
+    (pose, smoothness): (Trace, Smoothness),
+    up: Vec3<Trace>,
     w: &PoseReward,
-    terms: &mut impl Writer<S>,
+    terms: &mut Writer,
 ) {
     let frame = view.frame(FRAME_BODY);
     terms.smoothness(smoothness).number(times(w.pose, pose));
@@ -138,8 +133,7 @@ pub(crate) fn pose_reward<S: Scalar>(
 }
 
 /// Figures of a pose.
-#[inline(always)]
-pub(crate) fn pose_metrics<S: Scalar>(view: &View<'_, S>, error: &[S; 9], out: &mut impl Writer<S>) {
+pub(crate) fn pose_metrics(view: &View, error: &[Trace; 9], out: &mut Writer) {
     let distance = safe::sqrt(safe::squared_norm(place_error(error)), safe::SQUARED_NORM_FLOOR);
     out.metric("position_error", "m", distance);
     out.metric("heading_alignment", "-", heading_alignment(view));
@@ -147,26 +141,22 @@ pub(crate) fn pose_metrics<S: Scalar>(view: &View<'_, S>, error: &[S; 9], out: &
 }
 
 /// h·h_t of a target in the goal.
-#[inline(always)]
 pub(crate) fn heading_alignment<S: Scalar>(view: &View<'_, S>) -> S {
     dot(view.frame(FRAME_BODY).heading(), view.goal.array(0))
 }
 
 /// u·u_t of a target in the goal.
-#[inline(always)]
 pub(crate) fn up_alignment<S: Scalar>(view: &View<'_, S>) -> S {
     dot(view.frame(FRAME_BODY).up(), view.goal.array(3))
 }
 
 /// Δs, the last figure.
-#[inline(always)]
-pub(crate) fn throttle_metric<S: Scalar>(view: &View<'_, S>, out: &mut impl Writer<S>) {
+pub(crate) fn throttle_metric(view: &View, out: &mut Writer) {
     out.metric("throttle_difference", "-", mean_throttle_difference(view));
 }
 
 /// A smooth cost of being away from a pose and of moving.
-#[inline(always)]
-pub(crate) fn pose_loss<S: Scalar>(frame: &Frame<S>, e: &[S; 9], w: &PoseLoss, loss: &mut impl Loss<S>) {
+pub(crate) fn pose_loss(frame: &Frame<Trace>, e: &[Trace; 9], w: &PoseLoss, loss: &mut Loss) {
     loss.add("√(‖p_t − p‖² + {loss_radius}²)", smooth_norm(place_error(e), w.motion.radius));
     let axes = [e[3], e[4], e[5], e[6], e[7], e[8]];
     loss.add("{×loss_turn}(‖h_t − h‖² + ‖u_t − u‖²)", squared(w.turn, axes));

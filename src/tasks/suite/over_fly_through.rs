@@ -16,7 +16,7 @@ use super::{
     PoseReward, PoseSuccess, StartAttitude, StartRange, along_the_course, eased, less, made_of, more, nearer, squared,
     succeeds_once,
 };
-use crate::autodiff::{Mask, Scalar, safe};
+use crate::autodiff::{Array, Mask, Scalar, Trace, safe};
 use crate::dynamics::assembly::rod;
 use crate::dynamics::scene::{Obstacle, Scene};
 use crate::dynamics::shape::Pose;
@@ -45,7 +45,6 @@ const SPACING: usize = 6;
 const CLEAR: f64 = 1.0;
 
 /// The middles of the poles.
-#[inline(always)]
 fn axes<S: Scalar>(spacing: S) -> [[Vec3<S>; 2]; POLES.len()] {
     let mut axes = [[[S::zero(); 3]; 2]; POLES.len()];
     for i in 0..POLES.len() {
@@ -130,24 +129,21 @@ impl OverFlyThrough {
     }
 
     /// Least distance to a pole, m.
-    #[inline(always)]
     fn clearance<S: Scalar>(&self, view: &View<'_, S>) -> S {
-        self.skin.clearance(view, axes(view.goal.get(SPACING)), RADIUS)
+        self.skin.clearance(view, axes(view.goal[SPACING]), RADIUS)
     }
 
-    #[inline(always)]
     fn error<S: Scalar>(&self, view: &View<'_, S>) -> [S; 9] {
-        pose_error(&view.frame(FRAME_BODY), self.settings.target.position, &view.goal)
+        pose_error(&view.frame(FRAME_BODY), self.settings.target.position, view.goal)
     }
 
     /// What follows the drones in observations.
-    #[inline(always)]
-    fn observe_shared<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+    fn observe_shared(&self, view: &View, out: &mut Writer) {
         let frame = view.frame(FRAME_BODY);
         observe_error(&self.error(view), out);
         out.field("poles", "m, world", "(x, y) of every pole − (x, y) of the frame");
         for i in 0..POLES.len() {
-            let y = view.goal.get(SPACING) * S::constant(POLES[i]);
+            let y = view.goal[SPACING] * Trace::constant(POLES[i]);
             out.array([-frame.position[0], y - frame.position[1]]);
         }
         observe_load(view, &FRAME_NAMES, &frame, out);
@@ -180,8 +176,7 @@ impl Task for OverFlyThrough {
         }
     }
 
-    #[inline(always)]
-    fn remember<S: Scalar>(&self, view: &View<'_, S>, task_state: &mut impl Writer<S>) {
+    fn remember(&self, view: &View, task_state: &mut Writer) {
         let own = &self.settings.success;
         let aligned = more(heading_alignment(view), own.alignment).and(more(up_alignment(view), own.alignment));
         let near = nearer(place_error(&self.error(view)), own.distance).and(aligned);
@@ -190,25 +185,22 @@ impl Task for OverFlyThrough {
 
     observes_team!(self, FRAME_BODY, false);
 
-    #[inline(always)]
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
+    fn reward(&self, view: &View, terms: &mut Writer) {
         let w = &self.settings.reward;
         let pose = rational_kernel(self.settings.pose_scale, safe::squared_norm(self.error(view)));
         terms.term("pose", "{×reward_pose}r_p, r_p = 1/(1 + ({×pose_scale}d)²)", w.pose);
         pose_reward(view, (pose, Smoothness::Smooth), view.goal.array(3), w, terms);
     }
 
-    #[inline(always)]
-    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
+    fn ends(&self, view: &View, ends: &mut Ends) {
         let own = &self.settings;
         ends.when("crash", "min z_i < {min_height} m", less(lowest(view), own.min_height));
         ends.when("aside", "|y| > {max_side} m", more(view.frame(FRAME_BODY).position[1].abs(), own.max_side));
-        let contact = where_on::<S>(own.reset_on_collision, touches(clearance(view)));
+        let contact = where_on::<Trace>(own.reset_on_collision, touches(clearance(view)));
         ends.when("collision", "c < 0, if reset_on_collision", contact);
     }
 
-    #[inline(always)]
-    fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+    fn metrics(&self, view: &View, out: &mut Writer) {
         pose_metrics(view, &self.error(view), out);
         out.metric("clearance", "m", clearance(view));
         throttle_metric(view, out);
@@ -219,8 +211,7 @@ impl Task for OverFlyThrough {
         "heading_alignment": self.settings.success.alignment, "up_alignment": self.settings.success.alignment; ALL_BEYOND
     );
 
-    #[inline(always)]
-    fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
+    fn loss(&self, view: &View, loss: &mut Loss) {
         let w = &self.settings.loss;
         pose_loss(&view.frame(FRAME_BODY), &self.error(view), &w.pose, loss);
         loss.add(NEARNESS, nearness(w.clearance, clearance(view)));

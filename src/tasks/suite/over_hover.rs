@@ -8,7 +8,7 @@
 use super::over::*;
 use super::team::{TeamSettings, lowest, observe_load, observes_team};
 use super::{PoseLoss, PoseReward, PoseSuccess, StartRange, farther, less, made_of, succeeds_within};
-use crate::autodiff::{Mask, Scalar, StridedView, safe};
+use crate::autodiff::{Array, Mask, Scalar, safe};
 use crate::dynamics::frame::Frame;
 use crate::error::Result;
 use crate::settings;
@@ -56,14 +56,12 @@ impl BuiltIn for OverHover {
 }
 
 impl OverHover {
-    #[inline(always)]
     fn error<S: Scalar>(&self, view: &View<'_, S>) -> [S; 9] {
-        pose_error(&view.frame(FRAME_BODY), self.settings.target.position, &view.goal)
+        pose_error(&view.frame(FRAME_BODY), self.settings.target.position, view.goal)
     }
 
     /// What follows the drones in observations.
-    #[inline(always)]
-    fn observe_shared<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+    fn observe_shared(&self, view: &View, out: &mut Writer) {
         observe_error(&self.error(view), out);
         observe_load(view, &FRAME_NAMES, &view.frame(FRAME_BODY), out);
     }
@@ -86,7 +84,7 @@ impl Task for OverHover {
             let (position, attitude) = own.start.draw(start);
             start.place(FRAME_BODY, position, attitude);
             let frame = Frame { position, velocity: [0.0; 3], attitude, angular_velocity: [0.0; 3] };
-            let error = pose_error(&frame, own.target.position, &StridedView::of(&start.goal[..]));
+            let error = pose_error(&frame, own.target.position, &start.goal);
             if safe::norm(error) <= own.start_distance {
                 break;
             }
@@ -95,22 +93,19 @@ impl Task for OverHover {
 
     observes_team!(self, FRAME_BODY, false);
 
-    #[inline(always)]
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
+    fn reward(&self, view: &View, terms: &mut Writer) {
         let w = &self.settings.reward;
         let pose = exponential_kernel(self.settings.pose_scale, self.error(view));
         terms.term("pose", "{×reward_pose}r_p, r_p = e^{−{×pose_scale}d}", w.pose);
         pose_reward(view, (pose, Smoothness::Piecewise), view.goal.array(3), w, terms);
     }
 
-    #[inline(always)]
-    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
+    fn ends(&self, view: &View, ends: &mut Ends) {
         ends.when("crash", "min z_i < {min_height} m", less(lowest(view), self.settings.min_height));
         ends.when("far", "d > {max_distance}", farther(self.error(view), self.settings.max_distance));
     }
 
-    #[inline(always)]
-    fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+    fn metrics(&self, view: &View, out: &mut Writer) {
         pose_metrics(view, &self.error(view), out);
         throttle_metric(view, out);
     }
@@ -121,8 +116,7 @@ impl Task for OverHover {
         "up_alignment": up_alignment(view), self.settings.success.alignment
     );
 
-    #[inline(always)]
-    fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
+    fn loss(&self, view: &View, loss: &mut Loss) {
         pose_loss(&view.frame(FRAME_BODY), &self.error(view), &self.settings.loss, loss);
     }
 

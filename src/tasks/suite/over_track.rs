@@ -8,7 +8,7 @@ use super::team::{TeamSettings, lowest, observe_load, observes_team};
 use super::{
     PathSuccess, PoseLoss, PoseReward, StartAttitude, less, made_of, rate_cost, speed_cost, squared, succeeds_within,
 };
-use crate::autodiff::{Mask, Scalar, safe};
+use crate::autodiff::{Array, Mask, Scalar, safe};
 use crate::dynamics::spatial::{Vec3, dot, sub};
 use crate::error::Result;
 use crate::settings;
@@ -61,20 +61,17 @@ impl BuiltIn for OverTrack {
 
 impl OverTrack {
     /// p_ref(k) − p.
-    #[inline(always)]
     fn error<S: Scalar>(&self, view: &View<'_, S>) -> Vec3<S> {
-        sub(self.path.at(&view.goal, view.step), view.frame(FRAME_BODY).position)
+        sub(self.path.at(view.goal, view.step), view.frame(FRAME_BODY).position)
     }
 
     /// u_t.
-    #[inline(always)]
     fn target_up<S: Scalar>(view: &View<'_, S>) -> Vec3<S> {
         safe::normalise(sub(view.goal.array(PATH), view.frame(FRAME_BODY).position))
     }
 
     /// What follows the drones in observations.
-    #[inline(always)]
-    fn observe_shared<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+    fn observe_shared(&self, view: &View, out: &mut Writer) {
         let frame = view.frame(FRAME_BODY);
         self.path.observe_ahead(view, frame.position, out);
         let tilt = sub(Self::target_up(view), frame.up());
@@ -116,22 +113,19 @@ impl Task for OverTrack {
 
     observes_team!(self, FRAME_BODY, false);
 
-    #[inline(always)]
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
+    fn reward(&self, view: &View, terms: &mut Writer) {
         let w = &self.settings.reward;
         let pose = exponential_kernel(self.settings.pose_scale, self.error(view));
         terms.term("pose", "{×reward_pose}r_p, r_p = e^{−{×pose_scale}d}", w.pose);
         pose_reward(view, (pose, Smoothness::Piecewise), Self::target_up(view), w, terms);
     }
 
-    #[inline(always)]
-    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
+    fn ends(&self, view: &View, ends: &mut Ends) {
         ends.when("crash", "min z_i < {min_height} m", less(lowest(view), self.settings.min_height));
-        ends.when("far", "d > {reset_distance} m", self.path.far(&view.goal, self.error(view)));
+        ends.when("far", "d > {reset_distance} m", self.path.far(view.goal, self.error(view)));
     }
 
-    #[inline(always)]
-    fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+    fn metrics(&self, view: &View, out: &mut Writer) {
         out.metric("position_error", "m", safe::norm(self.error(view)));
         out.metric("up_alignment", "-", dot(view.frame(FRAME_BODY).up(), Self::target_up(view)));
         throttle_metric(view, out);
@@ -143,10 +137,9 @@ impl Task for OverTrack {
         held self.settings.success.time
     );
 
-    #[inline(always)]
-    fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
+    fn loss(&self, view: &View, loss: &mut Loss) {
         let (frame, w) = (view.frame(FRAME_BODY), &self.settings.loss);
-        let slip = sub(self.path.velocity(&view.goal, view.step), frame.velocity);
+        let slip = sub(self.path.velocity(view.goal, view.step), frame.velocity);
         loss.add("√(d² + {loss_radius}²)", smooth_norm(self.error(view), w.motion.radius));
         loss.add("{×loss_velocity}h₅(ṗ_ref − v)", speed_cost(w.motion.velocity, slip));
         loss.add("{×loss_turn}‖u_t − u‖²", squared(w.turn, sub(Self::target_up(view), frame.up())));

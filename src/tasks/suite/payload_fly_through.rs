@@ -11,7 +11,7 @@
 use super::load::{LOAD, LoadCourse, LoadCourseSettings, Side, hold_loss};
 use super::obstacles::{BARS, NEARNESS, free, nearness, touches, where_on};
 use super::{PoseReward, StartRange, ease_of_flight, less, made_of, more, nearer, succeeds_once, times};
-use crate::autodiff::{Scalar, safe};
+use crate::autodiff::{Array, Scalar, Trace, safe};
 use crate::dynamics::spatial::{Vec3, sub};
 use crate::error::Result;
 use crate::settings;
@@ -59,7 +59,6 @@ impl BuiltIn for PayloadFlyThrough {
 
 impl PayloadFlyThrough {
     /// q_t − q.
-    #[inline(always)]
     fn error<S: Scalar>(&self, view: &View<'_, S>) -> Vec3<S> {
         sub(view.goal.array(TARGET), self.course.load.ball(view).position)
     }
@@ -94,13 +93,11 @@ impl Task for PayloadFlyThrough {
         }
     }
 
-    #[inline(always)]
-    fn remember<S: Scalar>(&self, view: &View<'_, S>, task_state: &mut impl Writer<S>) {
+    fn remember(&self, view: &View, task_state: &mut Writer) {
         LoadCourse::remember(view, nearer(self.error(view), self.settings.course.success_distance), task_state);
     }
 
-    #[inline(always)]
-    fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut impl Writer<S>) {
+    fn observe(&self, view: &View, _: usize, out: &mut Writer) {
         self.course.load.observe_lever(view, out);
         view.observe_drone(0, out);
         out.field("target", "m, world", "q_t − q").array(self.error(view));
@@ -109,8 +106,7 @@ impl Task for PayloadFlyThrough {
         view.observe_clock(out);
     }
 
-    #[inline(always)]
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
+    fn reward(&self, view: &View, terms: &mut Writer) {
         let (drone, own, w) = (view.drone(0), &self.settings, &self.settings.reward);
         let free = free(self.course.bars.clearance(view));
         let pose = free * rational_kernel(own.course.pose_scale, safe::squared_norm(self.error(view)));
@@ -126,27 +122,24 @@ impl Task for PayloadFlyThrough {
         terms.number(free * ease_of_flight(w.effort, view));
     }
 
-    #[inline(always)]
-    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
+    fn ends(&self, view: &View, ends: &mut Ends) {
         let (position, own, course) = (view.drone(0).position, &self.settings, &self.settings.course);
         ends.when("crash", "z < {min_height} m", less(position[2], course.min_height));
         ends.when("high", "z > {max_height} m", more(position[2], own.max_height));
         ends.when("wide", "|y| > {max_side} m", more(position[1].abs(), course.max_side));
         let low = less(self.course.load.ball(view).position[2], own.ball_min_height);
         ends.when("ball_crash", "q_z < {ball_min_height} m", low);
-        let contact = where_on::<S>(course.reset_on_collision, touches(self.course.bars.clearance(view)));
+        let contact = where_on::<Trace>(course.reset_on_collision, touches(self.course.bars.clearance(view)));
         ends.when("contact", "c = 1, if reset_on_collision", contact);
     }
 
-    #[inline(always)]
-    fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+    fn metrics(&self, view: &View, out: &mut Writer) {
         self.course.metrics(view, self.error(view), ("uprightness", view.drone(0).up()[2]), out);
     }
 
-    succeeds_once!(self, view: view.task_state.get(0), self.settings.course.success_distance);
+    succeeds_once!(self, view: view.task_state[0], self.settings.course.success_distance);
 
-    #[inline(always)]
-    fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
+    fn loss(&self, view: &View, loss: &mut Loss) {
         let own = &self.settings.course;
         hold_loss(view, &own.loss, self.error(view), &self.course.load.ball(view), loss);
         loss.add(NEARNESS, nearness(own.loss_clearance, self.course.bars.clearance(view)));

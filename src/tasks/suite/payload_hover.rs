@@ -10,7 +10,7 @@
 use super::load::{LOAD, Load, LoadSettings, Side, hold_loss};
 use super::track::calm_pose;
 use super::{MotionLoss, PoseReward, StartAttitude, StartRange, less, made_of};
-use crate::autodiff::{Mask, Scalar, safe};
+use crate::autodiff::{Array, Mask, Scalar, Trace, TraceMask, safe};
 use crate::dynamics::spatial::{Vec3, constants, scale, sub};
 use crate::error::Result;
 use crate::rng::Stream;
@@ -68,7 +68,6 @@ impl BuiltIn for PayloadHover {
 
 impl PayloadHover {
     /// q_t − q.
-    #[inline(always)]
     fn error<S: Scalar>(&self, view: &View<'_, S>) -> Vec3<S> {
         sub(constants(self.settings.target), self.load.ball(view).position)
     }
@@ -118,29 +117,26 @@ impl Task for PayloadHover {
     }
 
     /// Keeps the error of the step that is longest after a push. The arrival from the start is as good as a push.
-    #[inline(always)]
-    fn remember<S: Scalar>(&self, view: &View<'_, S>, task_state: &mut impl Writer<S>) {
-        let arrival = S::constant(self.settings.arrival / self.dt);
-        let (quiet, longest) = (view.step - view.goal.get(PUSH).max(arrival), view.task_state.get(0));
+    fn remember(&self, view: &View, task_state: &mut Writer) {
+        let arrival = Trace::constant(self.settings.arrival / self.dt);
+        let (quiet, longest) = (view.step - view.goal[PUSH].max(arrival), view.task_state[0]);
         let counts = quiet.lt(longest).not().or(view.step.lt(arrival));
-        let error = S::select(counts, safe::norm(self.error(view)), view.task_state.get(1));
+        let error = Trace::select(counts, safe::norm(self.error(view)), view.task_state[1]);
         task_state
             .field("quiet", "steps", "without a push since the arrival, at most so far")
             .number(longest.max(quiet));
         task_state.field("quiet_error", "m", "‖q_t − q‖ at its end; before the arrival of now").number(error);
     }
 
-    #[inline(always)]
-    fn disturb<S: Scalar>(&self, view: &View<'_, S>, _: usize) -> [S; 9] {
-        let now = (view.step - view.goal.get(PUSH)).abs().lt(S::constant(0.5));
-        let size = S::select(now, view.goal.get(1) * S::constant(1.0 / self.dt), S::zero());
+    fn disturb(&self, view: &View, _: usize) -> [Trace; 9] {
+        let now = (view.step - view.goal[PUSH]).abs().lt(Trace::constant(0.5));
+        let size = Trace::select(now, view.goal[1] * Trace::constant(1.0 / self.dt), Trace::zero());
         let force = scale(size, view.goal.array::<3>(KICKED));
-        let zero = S::zero();
+        let zero = Trace::zero();
         [zero, zero, zero, force[0], force[1], force[2], zero, zero, zero]
     }
 
-    #[inline(always)]
-    fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut impl Writer<S>) {
+    fn observe(&self, view: &View, _: usize, out: &mut Writer) {
         self.load.observe_lever(view, out);
         out.field("target", "m, world", "q_t − q").array(self.error(view));
         view.observe_drone(0, out);
@@ -148,38 +144,33 @@ impl Task for PayloadHover {
         view.observe_clock(out);
     }
 
-    #[inline(always)]
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
+    fn reward(&self, view: &View, terms: &mut Writer) {
         let pose = exponential_kernel(self.settings.pose_scale, self.error(view));
         calm_pose(view, pose, &self.settings.reward, "{×reward_pose}r_p, r_p = e^{−{×pose_scale}d}", terms);
     }
 
-    #[inline(always)]
-    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
+    fn ends(&self, view: &View, ends: &mut Ends) {
         let least = self.settings.min_height;
         ends.when("crash", "z < {min_height} m", less(view.drone(0).position[2], least));
         ends.when("ball_crash", "q_z < {min_height} m", less(self.load.ball(view).position[2], least));
     }
 
-    #[inline(always)]
-    fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+    fn metrics(&self, view: &View, out: &mut Writer) {
         out.metric("position_error", "m", safe::norm(self.error(view)));
         out.metric("uprightness", "-", view.drone(0).up()[2]);
         out.metric("throttle_difference", "-", view.throttle_difference(0));
-        out.metric("quiet_error", "m", view.task_state.get(1));
+        out.metric("quiet_error", "m", view.task_state[1]);
     }
 
-    #[inline(always)]
-    fn success<S: Scalar>(&self, view: &View<'_, S>) -> S::Mask {
-        less(view.task_state.get(1), self.settings.success_distance)
+    fn success(&self, view: &View) -> TraceMask {
+        less(view.task_state[1], self.settings.success_distance)
     }
 
     fn success_rule(&self) -> Success {
         Success::below("quiet_error", self.settings.success_distance)
     }
 
-    #[inline(always)]
-    fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
+    fn loss(&self, view: &View, loss: &mut Loss) {
         hold_loss(view, &self.settings.loss, self.error(view), &self.load.ball(view), loss);
     }
 

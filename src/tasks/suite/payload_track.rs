@@ -9,7 +9,7 @@
 use super::load::{LoadTrack, LoadTrackSettings, Side};
 use super::track::calm_pose;
 use super::{PoseReward, less, made_of, succeeds_within};
-use crate::autodiff::{Scalar, safe};
+use crate::autodiff::safe;
 use crate::error::Result;
 use crate::settings;
 use crate::tasks::config::EnvConfig;
@@ -60,8 +60,7 @@ impl Task for PayloadTrack {
         self.track.start(&self.settings.track, start);
     }
 
-    #[inline(always)]
-    fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut impl Writer<S>) {
+    fn observe(&self, view: &View, _: usize, out: &mut Writer) {
         self.track.load.observe_lever(view, out);
         self.track.observe_ahead(view, out);
         view.observe_drone(0, out);
@@ -69,20 +68,17 @@ impl Task for PayloadTrack {
         view.observe_clock(out);
     }
 
-    #[inline(always)]
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
+    fn reward(&self, view: &View, terms: &mut Writer) {
         let pose = exponential_kernel(self.settings.track.pose_scale, self.track.error(view));
         calm_pose(view, pose, &self.settings.reward, "{×reward_pose}r_p, r_p = e^{−{×pose_scale}d}", terms);
     }
 
-    #[inline(always)]
-    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
+    fn ends(&self, view: &View, ends: &mut Ends) {
         ends.when("crash", "z < {min_height} m", less(view.drone(0).position[2], self.settings.min_height));
         ends.when("far", "d > {reset_distance} m", self.track.far(view));
     }
 
-    #[inline(always)]
-    fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+    fn metrics(&self, view: &View, out: &mut Writer) {
         out.metric("position_error", "m", safe::norm(self.track.error(view)));
         out.metric("uprightness", "-", view.drone(0).up()[2]);
         out.metric("throttle_difference", "-", view.throttle_difference(0));
@@ -90,8 +86,7 @@ impl Task for PayloadTrack {
 
     succeeds_within!(self, view: self.track.error(view), self.settings.track.success.distance; held self.settings.track.success.time);
 
-    #[inline(always)]
-    fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
+    fn loss(&self, view: &View, loss: &mut Loss) {
         self.track.loss(&self.settings.track.loss, view, loss);
     }
 

@@ -10,7 +10,7 @@
 use super::load::{BalanceReward, DRAWN_BAR, LoadCourse, LoadCourseSettings, LoadSettings, Side, hold_loss, leaning};
 use super::obstacles::{BarsSettings, NEARNESS, free, nearness, touches, where_on};
 use super::{MotionLoss, StartAttitude, StartRange, ease_of_flight, less, made_of, more, nearer, succeeds_once, times};
-use crate::autodiff::{Scalar, safe};
+use crate::autodiff::{Scalar, Trace, safe};
 use crate::dynamics::spatial::{Vec3, constants, sub};
 use crate::error::Result;
 use crate::settings;
@@ -61,7 +61,6 @@ impl BuiltIn for InvPendulumFlyThrough {
 
 impl InvPendulumFlyThrough {
     /// q_t − q.
-    #[inline(always)]
     fn error<S: Scalar>(&self, view: &View<'_, S>) -> Vec3<S> {
         sub(constants(self.settings.target), self.course.load.ball(view).position)
     }
@@ -89,13 +88,11 @@ impl Task for InvPendulumFlyThrough {
         }
     }
 
-    #[inline(always)]
-    fn remember<S: Scalar>(&self, view: &View<'_, S>, task_state: &mut impl Writer<S>) {
+    fn remember(&self, view: &View, task_state: &mut Writer) {
         LoadCourse::remember(view, nearer(self.error(view), self.settings.course.success_distance), task_state);
     }
 
-    #[inline(always)]
-    fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut impl Writer<S>) {
+    fn observe(&self, view: &View, _: usize, out: &mut Writer) {
         let position = view.drone(0).position;
         self.course.load.observe_lever(view, out);
         out.field("position", "m, world", "p").array(position);
@@ -106,12 +103,11 @@ impl Task for InvPendulumFlyThrough {
         view.observe_clock(out);
     }
 
-    #[inline(always)]
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
+    fn reward(&self, view: &View, terms: &mut Writer) {
         let (ball, own, w) = (self.course.load.ball(view), &self.settings, &self.settings.reward);
         let free = free(self.course.bars.clearance(view));
         let distance = safe::norm(self.error(view));
-        let pose = free * S::constant(own.course.pose_scale).mul_add(distance, S::one()).recip();
+        let pose = free * Trace::constant(own.course.pose_scale).mul_add(distance, Trace::one()).recip();
         let formula = "{×reward_pose}(1 − c) r_p, r_p = 1/(1 + {×pose_scale}d)";
         terms.term("pose", formula, w.pose).non_smooth().number(times(w.pose, pose));
         terms.term("balance", "{×reward_balance}(1 − c) r_p b", w.balance).within(-w.balance, w.balance).non_smooth();
@@ -124,26 +120,23 @@ impl Task for InvPendulumFlyThrough {
         terms.number(free * ease_of_flight(w.effort, view));
     }
 
-    #[inline(always)]
-    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
+    fn ends(&self, view: &View, ends: &mut Ends) {
         let (position, ball, own) = (view.drone(0).position, self.course.load.ball(view), &self.settings);
         ends.when("crash", "z < {min_height} m", less(position[2], own.course.min_height));
         ends.when("wide", "|y| > {max_side} m", more(position[1].abs(), own.course.max_side));
         ends.when("fall", "b < {min_balance}", less(ball.up()[2], own.min_balance));
         ends.when("high", "q_z > {ball_max_height} m", more(ball.position[2], own.ball_max_height));
-        let contact = where_on::<S>(own.course.reset_on_collision, touches(self.course.bars.clearance(view)));
+        let contact = where_on::<Trace>(own.course.reset_on_collision, touches(self.course.bars.clearance(view)));
         ends.when("contact", "c = 1, if reset_on_collision", contact);
     }
 
-    #[inline(always)]
-    fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+    fn metrics(&self, view: &View, out: &mut Writer) {
         self.course.metrics(view, self.error(view), ("balance", self.course.load.ball(view).up()[2]), out);
     }
 
-    succeeds_once!(self, view: view.task_state.get(0), self.settings.course.success_distance);
+    succeeds_once!(self, view: view.task_state[0], self.settings.course.success_distance);
 
-    #[inline(always)]
-    fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
+    fn loss(&self, view: &View, loss: &mut Loss) {
         let (ball, own) = (self.course.load.ball(view), &self.settings.course);
         hold_loss(view, &own.loss, self.error(view), &ball, loss);
         loss.add("{×loss_balance}(1 − b)", leaning(self.settings.loss_balance, &ball));

@@ -62,7 +62,6 @@ impl BuiltIn for InvPendulumHover {
 
 impl InvPendulumHover {
     /// q_t − q.
-    #[inline(always)]
     fn error<S: Scalar>(&self, view: &View<'_, S>) -> Vec3<S> {
         sub(constants(self.settings.target), self.load.ball(view).position)
     }
@@ -97,8 +96,7 @@ impl Task for InvPendulumHover {
         }
     }
 
-    #[inline(always)]
-    fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut impl Writer<S>) {
+    fn observe(&self, view: &View, _: usize, out: &mut Writer) {
         self.load.observe_lever(view, out);
         out.field("position", "m, world", "p").array(view.drone(0).position);
         view.observe_drone(0, out);
@@ -107,8 +105,7 @@ impl Task for InvPendulumHover {
         view.observe_clock(out);
     }
 
-    #[inline(always)]
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
+    fn reward(&self, view: &View, terms: &mut Writer) {
         let (ball, own, w) = (self.load.ball(view), &self.settings, &self.settings.reward);
         let balance = ball.up()[2];
         terms.term("balance", "{×reward_balance}b", w.balance).within(-w.balance, w.balance);
@@ -122,17 +119,15 @@ impl Task for InvPendulumHover {
         terms.term("effort", "{×reward_effort}e^{−e}", w.effort).number(ease_of_flight(w.effort, view));
     }
 
-    #[inline(always)]
-    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
+    fn ends(&self, view: &View, ends: &mut Ends) {
         let own = &self.settings;
         ends.when("crash", "z < {min_height} m", less(view.drone(0).position[2], own.min_height));
         ends.when("fall", "b < {min_balance}", less(self.load.ball(view).up()[2], own.min_balance));
-        let far = view.goal.get(FAR).square().lt(safe::squared_norm(self.error(view)));
+        let far = view.goal[FAR].square().lt(safe::squared_norm(self.error(view)));
         ends.when("far", "d > {max_distance} m", far);
     }
 
-    #[inline(always)]
-    fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+    fn metrics(&self, view: &View, out: &mut Writer) {
         out.metric("position_error", "m", safe::norm(self.error(view)));
         out.metric("balance", "-", self.load.ball(view).up()[2]);
         out.metric("throttle_difference", "-", view.throttle_difference(0));
@@ -140,8 +135,7 @@ impl Task for InvPendulumHover {
 
     succeeds_within!(self, view: self.error(view), self.settings.success_distance);
 
-    #[inline(always)]
-    fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
+    fn loss(&self, view: &View, loss: &mut Loss) {
         let ball = self.load.ball(view);
         hold_loss(view, &self.settings.loss, self.error(view), &ball, loss);
         loss.add("{×loss_balance}(1 − b)", leaning(self.settings.loss_balance, &ball));

@@ -6,7 +6,7 @@
 
 use super::load::{LoadTrack, LoadTrackSettings, Side, leaning};
 use super::{MotionLoss, ease_of_flight, less, made_of, succeeds_within, times};
-use crate::autodiff::{Scalar, safe};
+use crate::autodiff::safe;
 use crate::error::Result;
 use crate::settings;
 use crate::tasks::config::EnvConfig;
@@ -68,8 +68,7 @@ impl Task for InvPendulumTrack {
         self.track.start(&self.settings.track, start);
     }
 
-    #[inline(always)]
-    fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut impl Writer<S>) {
+    fn observe(&self, view: &View, _: usize, out: &mut Writer) {
         self.track.load.observe_lever(view, out);
         view.observe_drone(0, out);
         self.track.observe_ahead(view, out);
@@ -77,8 +76,7 @@ impl Task for InvPendulumTrack {
         view.observe_clock(out);
     }
 
-    #[inline(always)]
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
+    fn reward(&self, view: &View, terms: &mut Writer) {
         let own = &self.settings;
         terms.term("pose", "{×reward_pose}e^{−{×pose_scale}d}", own.reward_pose).piecewise();
         terms.number(times(own.reward_pose, exponential_kernel(own.track.pose_scale, self.track.error(view))));
@@ -86,16 +84,14 @@ impl Task for InvPendulumTrack {
         terms.term("effort", "{×reward_effort}e^{−e}", own.reward_effort).number(effort);
     }
 
-    #[inline(always)]
-    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
+    fn ends(&self, view: &View, ends: &mut Ends) {
         let own = &self.settings;
         ends.when("crash", "z < {min_height} m", less(view.drone(0).position[2], own.min_height));
         ends.when("fall", "b < {min_balance}", less(self.track.load.ball(view).up()[2], own.min_balance));
         ends.when("far", "d > {reset_distance} m", self.track.far(view));
     }
 
-    #[inline(always)]
-    fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+    fn metrics(&self, view: &View, out: &mut Writer) {
         out.metric("position_error", "m", safe::norm(self.track.error(view)));
         out.metric("balance", "-", self.track.load.ball(view).up()[2]);
         out.metric("throttle_difference", "-", view.throttle_difference(0));
@@ -103,8 +99,7 @@ impl Task for InvPendulumTrack {
 
     succeeds_within!(self, view: self.track.error(view), self.settings.track.success.distance; held self.settings.track.success.time);
 
-    #[inline(always)]
-    fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
+    fn loss(&self, view: &View, loss: &mut Loss) {
         self.track.loss(&self.settings.track.loss, view, loss);
         loss.add("{×loss_balance}(1 − b)", leaning(self.settings.loss_balance, &self.track.load.ball(view)));
     }

@@ -9,7 +9,7 @@
 //! - DIFFERENCE: restitution is that of Hunt and Crossley's law, 0.8 at 5 m/s and more below.
 
 use super::{StartAttitude, StartRange, less, made_of, more, rate_cost, speed_cost, squared, times};
-use crate::autodiff::{Mask, Scalar, safe};
+use crate::autodiff::{Mask, Scalar, Trace, TraceMask, safe};
 use crate::dynamics::assembly::{Assembly, Member, Solid, single};
 use crate::dynamics::configurations::environment;
 use crate::dynamics::contact::ContactMaterial;
@@ -126,19 +126,16 @@ fn model(vehicle: &Vehicle, mass: f64) -> Result<Model> {
 }
 
 impl Pinball {
-    #[inline(always)]
     fn ball<S: Scalar>(&self, view: &View<'_, S>) -> Frame<S> {
         view.frame(self.ball)
     }
 
     /// b − p.
-    #[inline(always)]
     fn way<S: Scalar>(&self, view: &View<'_, S>) -> Vec3<S> {
         sub(self.ball(view).position, view.drone(0).position)
     }
 
     /// Where the ball comes down to the drone, x and y.
-    #[inline(always)]
     fn landing<S: Scalar>(&self, view: &View<'_, S>) -> [S; 2] {
         let Frame { position: b, velocity: v, .. } = self.ball(view);
         let height = (self.way(view)[2] - S::constant(RADIUS + PLATE_HEIGHT + 0.5 * PLATE[2])).max(S::zero());
@@ -170,28 +167,26 @@ impl Task for Pinball {
         start.place(1, above, [1.0, 0.0, 0.0, 0.0]);
     }
 
-    #[inline(always)]
-    fn remember<S: Scalar>(&self, view: &View<'_, S>, task_state: &mut impl Writer<S>) {
+    fn remember(&self, view: &View, task_state: &mut Writer) {
         let own = &self.settings;
-        let (zero, one) = (S::zero(), S::one());
+        let (zero, one) = (Trace::zero(), Trace::one());
         let speed = self.ball(view).velocity[2];
-        let kick = speed - view.task_state.get(WAS) + S::constant(GRAVITY * self.dt);
+        let kick = speed - view.task_state[WAS] + Trace::constant(GRAVITY * self.dt);
         let touched = more(kick, KICK);
-        let (air, apex) = (view.task_state.get(AIR), view.task_state.get(APEX));
+        let (air, apex) = (view.task_state[AIR], view.task_state[APEX]);
         let counts = touched.and(less(air, own.air_time).not()).and(less(apex, own.air_height).not());
-        let scored = S::select(counts, one, zero);
+        let scored = Trace::select(counts, one, zero);
         task_state.field("ball_speed", "m/s", "v_b,z behind the last step").number(speed);
-        let air = S::select(touched, zero, air + S::constant(self.dt));
+        let air = Trace::select(touched, zero, air + Trace::constant(self.dt));
         task_state.field("air_time", "s", "since the last touch").number(air);
-        let apex = S::select(touched, zero, apex.max(self.way(view)[2]));
+        let apex = Trace::select(touched, zero, apex.max(self.way(view)[2]));
         task_state.field("air_height", "m", "most of b_z − z since the last touch").number(apex);
-        let touches = view.task_state.get(TOUCHES) + scored;
+        let touches = view.task_state[TOUCHES] + scored;
         task_state.field("touches", "-", "that counted").number(touches);
         task_state.field("scored", "-", "1 in a step with a touch that counts").number(scored);
     }
 
-    #[inline(always)]
-    fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut impl Writer<S>) {
+    fn observe(&self, view: &View, _: usize, out: &mut Writer) {
         out.field("position", "m, world", "p").array(view.drone(0).position);
         view.observe_drone(0, out);
         out.field("ball", "m, world", "b − p").array(self.way(view));
@@ -199,18 +194,17 @@ impl Task for Pinball {
         view.observe_clock(out);
     }
 
-    #[inline(always)]
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
+    fn reward(&self, view: &View, terms: &mut Writer) {
         let (own, way) = (&self.settings, self.way(view));
         let beside = safe::norm([way[0], way[1]]);
         let formula = "{×reward_below}1/(1 + ‖(b − p)_xy‖)";
         terms.term("below", formula, own.reward_below).piecewise();
-        terms.number(times(own.reward_below, (S::one() + beside).recip()));
-        let floor = view.drone(0).position[2].max(S::one());
-        let height = (self.ball(view).position[2] - floor).max(S::zero()).min(S::constant(2.0));
+        terms.number(times(own.reward_below, (Trace::one() + beside).recip()));
+        let floor = view.drone(0).position[2].max(Trace::one());
+        let height = (self.ball(view).position[2] - floor).max(Trace::zero()).min(Trace::constant(2.0));
         let formula = "{×reward_height}(b_z − max(z, 1 m)), held within 0 to 2 m";
         terms.term("height", formula, 2.0 * own.reward_height).piecewise().number(times(own.reward_height, height));
-        let scored = view.task_state.get(SCORED);
+        let scored = view.task_state[SCORED];
         terms.term(
             "touch",
             "{×reward_touch}1 where a touch counts: once, after {air_time} s and {air_height} m",
@@ -219,8 +213,7 @@ impl Task for Pinball {
         terms.non_smooth().number(times(own.reward_touch, scored));
     }
 
-    #[inline(always)]
-    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
+    fn ends(&self, view: &View, ends: &mut Ends) {
         let (own, [x, y, z], ball) = (&self.settings, view.drone(0).position, self.ball(view).position);
         ends.when("crash", "z < {min_height} m", less(z, own.min_height));
         ends.when("ball_low", "b_z < {ball_low} m", less(ball[2], own.ball_low));
@@ -231,33 +224,30 @@ impl Task for Pinball {
         ends.when("wide", "|x| or |y| > {side} m, or z > {ball_high} m", aside);
     }
 
-    #[inline(always)]
-    fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
-        let touches = view.task_state.get(TOUCHES);
-        out.metric("touches_left", "-", S::constant(self.settings.success_touches as f64) - touches);
+    fn metrics(&self, view: &View, out: &mut Writer) {
+        let touches = view.task_state[TOUCHES];
+        out.metric("touches_left", "-", Trace::constant(self.settings.success_touches as f64) - touches);
         out.metric("touches", "-", touches);
         out.metric("ball_distance", "m", safe::norm(self.way(view)));
         out.metric("uprightness", "-", view.drone(0).up()[2]);
     }
 
-    #[inline(always)]
-    fn success<S: Scalar>(&self, view: &View<'_, S>) -> S::Mask {
-        more(view.task_state.get(TOUCHES), self.settings.success_touches as f64 - 0.5)
+    fn success(&self, view: &View) -> TraceMask {
+        more(view.task_state[TOUCHES], self.settings.success_touches as f64 - 0.5)
     }
 
     fn success_rule(&self) -> Success {
         Success::below("touches_left", 0.5).once()
     }
 
-    #[inline(always)]
-    fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
+    fn loss(&self, view: &View, loss: &mut Loss) {
         let (own, drone, ball) = (&self.settings, view.drone(0), self.ball(view));
         let (at, p) = (self.landing(view), drone.position);
         loss.add("√(‖l − p_xy‖² + {loss_radius}²)", smooth_norm([at[0] - p[0], at[1] - p[1]], own.loss_radius));
-        let apex =
-            S::constant(0.5 / GRAVITY).mul_add(ball.velocity[2].square(), ball.position[2] - S::constant(own.apex));
+        let apex = Trace::constant(0.5 / GRAVITY)
+            .mul_add(ball.velocity[2].square(), ball.position[2] - Trace::constant(own.apex));
         loss.add("{×loss_apex}h₁(b_z + v_b,z²/2g − {apex} m)", times(own.loss_apex, pseudo_huber([apex], 1.0)));
-        let height = p[2] - S::constant(own.height);
+        let height = p[2] - Trace::constant(own.height);
         loss.add("{×loss_height}h₁(z − {height} m)", times(own.loss_height, pseudo_huber([height], 1.0)));
         loss.add("{×loss_middle}h₁(l)", times(own.loss_middle, pseudo_huber(at, 1.0)));
         loss.add("{×loss_ball}h₅(v_b,xy)", speed_cost(own.loss_ball, [ball.velocity[0], ball.velocity[1]]));

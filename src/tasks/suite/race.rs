@@ -18,7 +18,7 @@
 
 use super::obstacles::{Ball, balls};
 use super::{StartAttitude, eased, less, made_of, more, narrowed, rate_cost, speed_cost, squared, times};
-use crate::autodiff::{Mask, Scalar, safe};
+use crate::autodiff::{Array, Mask, Scalar, Trace, TraceMask, safe};
 use crate::controllers::reference::{Reference, Waypoint, Waypoints};
 use crate::dynamics::scene::{FAR, Gate, Scene};
 use crate::dynamics::shape::Pose;
@@ -163,13 +163,11 @@ impl Race {
     }
 
     /// Of gate `i`.
-    #[inline(always)]
     fn pose<S: Scalar>(&self, view: &View<'_, S>, i: usize) -> Pose<S> {
         Pose { position: view.goal.array(3 * i), attitude: constants(self.scene.gates[i].rotation) }
     }
 
     /// Of the gate whose number is nearest to `index`.
-    #[inline(always)]
     fn pose_at<S: Scalar>(&self, view: &View<'_, S>, index: S) -> Pose<S> {
         let mut pose = self.pose(view, 0);
         for i in 1..self.n() {
@@ -185,13 +183,11 @@ impl Race {
     }
 
     /// Of the next gate.
-    #[inline(always)]
     fn next<S: Scalar>(&self, view: &View<'_, S>) -> Pose<S> {
-        self.pose_at(view, view.task_state.get(NEXT))
+        self.pose_at(view, view.task_state[NEXT])
     }
 
     /// The number behind a gate's: the first follows the last.
-    #[inline(always)]
     fn following<S: Scalar>(&self, index: S) -> S {
         let n = self.n() as f64;
         let following = index + S::one();
@@ -199,7 +195,6 @@ impl Race {
     }
 
     /// Least distance between the drone and the bars of all gates, m.
-    #[inline(always)]
     fn clearance<S: Scalar>(&self, view: &View<'_, S>) -> S {
         let (drone, mut least) = (view.drone(0), S::constant(FAR));
         for k in 0..self.balls.len() {
@@ -246,7 +241,6 @@ impl Race {
 }
 
 /// (g − p)·v/‖g − p‖.
-#[inline(always)]
 fn towards<S: Scalar>(way: Vec3<S>, velocity: Vec3<S>) -> S {
     dot(way, velocity) * safe::recip_sqrt(safe::squared_norm(way), safe::SQUARED_NORM_FLOOR)
 }
@@ -262,7 +256,6 @@ fn go_on(path: &mut Vec<Waypoint>, position: Vec3<f64>, turns: impl Iterator<Ite
 }
 
 /// e_x of a gate.
-#[inline(always)]
 fn direction<S: Scalar>(gate: &Pose<S>) -> Vec3<S> {
     rotate(gate.attitude, constants([1.0, 0.0, 0.0]))
 }
@@ -307,27 +300,25 @@ impl Task for Race {
         }
     }
 
-    #[inline(always)]
-    fn remember<S: Scalar>(&self, view: &View<'_, S>, task_state: &mut impl Writer<S>) {
-        let (zero, one) = (S::zero(), S::one());
-        let (from, to, next) = (view.task_state.array(POSITION), view.drone(0).position, view.task_state.get(NEXT));
+    fn remember(&self, view: &View, task_state: &mut Writer) {
+        let (zero, one) = (Trace::zero(), Trace::one());
+        let (from, to, next) = (view.task_state.array(POSITION), view.drone(0).position, view.task_state[NEXT]);
         let passage = self.scene.gates[0].passage(&self.next(view), from, to);
         let (crossed, inside) = (more(passage.direction, 0.5), more(passage.margin, 0.0));
         let passed = crossed.and(inside);
         task_state.field("position", "m, world", "p after the last step").array(to);
-        let following = S::select(passed, self.following(next), next);
+        let following = Trace::select(passed, self.following(next), next);
         task_state.field("next", "-", "number of the next gate, from 0 on").number(following);
-        let scored = S::select(passed, one, zero);
-        task_state.field("passed", "-", "gates passed so far").number(view.task_state.get(PASSED) + scored);
-        let missed = S::select(crossed.and(inside.not()), one, zero);
+        let scored = Trace::select(passed, one, zero);
+        task_state.field("passed", "-", "gates passed so far").number(view.task_state[PASSED] + scored);
+        let missed = Trace::select(crossed.and(inside.not()), one, zero);
         task_state.field("missed", "-", "1 in a step through the next gate's plane beside its opening").number(missed);
         task_state.field("scored", "-", "1 in a step through the next gate").number(scored);
         task_state.field("clearance", "m", "c after the last step").number(self.clearance(view));
     }
 
-    #[inline(always)]
-    fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut impl Writer<S>) {
-        let (position, next) = (view.drone(0).position, view.task_state.get(NEXT));
+    fn observe(&self, view: &View, _: usize, out: &mut Writer) {
+        let (position, next) = (view.drone(0).position, view.task_state[NEXT]);
         view.observe_drone(0, out);
         out.field("height", "m, world", "z").number(position[2]);
         let gate = self.pose_at(view, next);
@@ -338,70 +329,65 @@ impl Task for Race {
         out.field("following_direction", "-, world", "n₂").within(-1.0, 1.0).array(direction(&gate));
     }
 
-    #[inline(always)]
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
+    fn reward(&self, view: &View, terms: &mut Writer) {
         let (drone, own) = (view.drone(0), &self.settings);
         let way = sub(self.next(view).position, drone.position);
-        let speed = towards(way, drone.velocity).min(S::constant(own.speed)).max(S::constant(-own.speed));
+        let speed = towards(way, drone.velocity).min(Trace::constant(own.speed)).max(Trace::constant(-own.speed));
         let most = own.reward_progress * own.speed;
         terms.term("progress", "{×reward_progress}v·(g − p)/‖g − p‖, held within ±{speed} m/s", most);
         terms.within(-most, most).piecewise().number(times(own.reward_progress, speed));
         terms.term("gate", "{×reward_gate}1 where a gate is passed", own.reward_gate).non_smooth();
-        terms.number(times(own.reward_gate, view.task_state.get(SCORED)));
-        terms.term("alive", "{×reward_alive}1", own.reward_alive).number(S::constant(own.reward_alive));
+        terms.number(times(own.reward_gate, view.task_state[SCORED]));
+        terms.term("alive", "{×reward_alive}1", own.reward_alive).number(Trace::constant(own.reward_alive));
         terms.term("up", "{×reward_up}((u_z + 1)/2)²", own.reward_up).number(times(own.reward_up, upright(drone.up())));
         terms.term("spin", "{×reward_spin}1/(1 + ω_z²)", own.reward_spin);
         terms.number(times(own.reward_spin, still(drone.angular_velocity)));
     }
 
-    #[inline(always)]
-    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
+    fn ends(&self, view: &View, ends: &mut Ends) {
         let (position, own) = (view.drone(0).position, &self.settings);
         ends.when("crash", "z < {min_height} m", less(position[2], own.min_height));
         ends.when("high", "z > {max_height} m", more(position[2], own.max_height));
         let way = sub(self.next(view).position, position);
         ends.when("far", "‖g − p‖ > {max_distance} m", super::farther(way, own.max_distance));
         let missed = "the next gate's plane is crossed along n beside its opening";
-        ends.when("missed", missed, more(view.task_state.get(MISSED), 0.5));
-        ends.when("contact", "c < 0", less(view.task_state.get(CLEARANCE), 0.0));
+        ends.when("missed", missed, more(view.task_state[MISSED], 0.5));
+        ends.when("contact", "c < 0", less(view.task_state[CLEARANCE], 0.0));
     }
 
-    #[inline(always)]
-    fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
-        let (drone, passed) = (view.drone(0), view.task_state.get(PASSED));
-        out.metric("gates_left", "-", (S::constant(self.n() as f64) - passed).max(S::zero()));
+    fn metrics(&self, view: &View, out: &mut Writer) {
+        let (drone, passed) = (view.drone(0), view.task_state[PASSED]);
+        out.metric("gates_left", "-", (Trace::constant(self.n() as f64) - passed).max(Trace::zero()));
         out.metric("gates_passed", "-", passed);
         out.metric("gate_distance", "m", safe::norm(sub(self.next(view).position, drone.position)));
-        out.metric("clearance", "m", view.task_state.get(CLEARANCE));
+        out.metric("clearance", "m", view.task_state[CLEARANCE]);
         out.metric("speed", "m/s", safe::norm(drone.velocity));
         out.metric("uprightness", "-", drone.up()[2]);
     }
 
-    #[inline(always)]
-    fn success<S: Scalar>(&self, view: &View<'_, S>) -> S::Mask {
-        more(view.task_state.get(PASSED), self.n() as f64 - 0.5)
+    fn success(&self, view: &View) -> TraceMask {
+        more(view.task_state[PASSED], self.n() as f64 - 0.5)
     }
 
     fn success_rule(&self) -> Success {
         Success::below("gates_left", 0.5).once()
     }
 
-    #[inline(always)]
-    fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
+    fn loss(&self, view: &View, loss: &mut Loss) {
         let (drone, own, gate) = (view.drone(0), &self.settings, self.next(view));
         let [_, y, z] = gate.local(drone.position);
         let beside = safe::norm([y, z]);
-        let aim = gate.point([S::constant(own.loss_ahead) - beside, S::zero(), S::zero()]);
+        let aim = gate.point([Trace::constant(own.loss_ahead) - beside, Trace::zero(), Trace::zero()]);
         let way = sub(aim, drone.position);
-        let soft = S::constant(NEAR * NEAR);
-        let wanted = scale(S::constant(own.loss_speed) * (safe::squared_norm(way) + soft).sqrt().recip(), way);
+        let soft = Trace::constant(NEAR * NEAR);
+        let wanted = scale(Trace::constant(own.loss_speed) * (safe::squared_norm(way) + soft).sqrt().recip(), way);
         loss.add(
             "{×loss_pace}h₅(v − v_t), v_t = {loss_speed} m/s (q − p)/√(‖q − p‖² + (0.3 m)²), q = g + ({loss_ahead} m − b) n, b \
              the distance of p to the line through g along n",
             speed_cost(own.loss_pace, sub(drone.velocity, wanted)),
         );
-        let clearance = view.task_state.get(CLEARANCE).max(S::constant(-0.2));
-        let near = (S::constant(-1.0 / own.loss_reach) * clearance).exp();
+        let clearance = view.task_state[CLEARANCE].max(Trace::constant(-0.2));
+        let near = (Trace::constant(-1.0 / own.loss_reach) * clearance).exp();
         loss.add("{×loss_clearance}e^{−max(c, −0.2 m)/{loss_reach} m}", times(own.loss_clearance, near));
         let lean = sub(constants([0.0, 0.0, 1.0]), drone.up());
         loss.add("{×loss_up}‖e_z − u‖²", squared(own.loss_up, lean));
@@ -410,7 +396,7 @@ impl Task for Race {
 
     fn reference(&self, view: &View<'_, f64>) -> Option<TaskReference> {
         let (drone, n) = (view.drone(0), self.n());
-        let first = view.goal.get(3 * n) as usize;
+        let first = view.goal[3 * n] as usize;
         let mut points = vec![Waypoint { time: 0.0, position: drone.position, yaw: drone.yaw() }];
         let mut behind = None;
         for i in (first..first + n).map(|i| i % n) {

@@ -12,7 +12,7 @@ use super::team::{
     CROWD, TeamSettings, crowded, free_team, lowest, mean_throttle_difference, observe_others, squared_separation,
 };
 use super::{MotionLoss, less, made_of, more, rate_cost, speed_cost, times};
-use crate::autodiff::{Scalar, safe};
+use crate::autodiff::{Array, Scalar, Trace, TraceMask, safe};
 use crate::controllers::reference::{Reference, Tilt, Waypoint, Waypoints};
 use crate::dynamics::spatial::{Vec3, constants, sub};
 use crate::error::{Error, Result};
@@ -100,19 +100,16 @@ impl Spread {
     }
 
     /// q_k − p_i.
-    #[inline(always)]
     fn way<S: Scalar>(view: &View<'_, S>, i: usize, k: usize) -> Vec3<S> {
         sub(view.goal.array(3 * k), view.drone(i).position)
     }
 
     /// To the target that drone i takes.
-    #[inline(always)]
     fn own_way<S: Scalar>(&self, view: &View<'_, S>, i: usize) -> Vec3<S> {
         sub(view.goal.array(3 * (self.n() + i)), view.drone(i).position)
     }
 
     /// D_k².
-    #[inline(always)]
     fn squared_gap<S: Scalar>(&self, view: &View<'_, S>, k: usize) -> S {
         let mut least = safe::squared_norm(Self::way(view, 0, k));
         for i in 1..self.n() {
@@ -122,7 +119,6 @@ impl Spread {
     }
 
     /// max D_k².
-    #[inline(always)]
     fn squared_error<S: Scalar>(&self, view: &View<'_, S>) -> S {
         let mut most = S::zero();
         for k in 0..self.n() {
@@ -132,7 +128,6 @@ impl Spread {
     }
 
     /// max ‖p_i − p_c‖².
-    #[inline(always)]
     fn squared_distance<S: Scalar>(&self, view: &View<'_, S>) -> S {
         let mut most = S::zero();
         for i in 0..self.n() {
@@ -152,8 +147,7 @@ impl Spread {
     }
 
     /// ŝ and the ways to all targets of a drone.
-    #[inline(always)]
-    fn observe_own<S: Scalar>(&self, view: &View<'_, S>, i: usize, out: &mut impl Writer<S>) {
+    fn observe_own(&self, view: &View, i: usize, out: &mut Writer) {
         out.field("targets", "m, world", "q_k − p_i for every target").members(self.n());
         for k in 0..self.n() {
             out.array(Self::way(view, i, k));
@@ -183,8 +177,7 @@ impl Task for Spread {
         self.settings.start.place(start, &from[..n], &attitudes, &to);
     }
 
-    #[inline(always)]
-    fn observe<S: Scalar>(&self, view: &View<'_, S>, agent: usize, out: &mut impl Writer<S>) {
+    fn observe(&self, view: &View, agent: usize, out: &mut Writer) {
         self.observe_own(view, agent, out);
         if self.settings.observe_place {
             out.field("place", "m, world", "t_i − p_i of the target that it takes").array(self.own_way(view, agent));
@@ -193,18 +186,16 @@ impl Task for Spread {
         observe_others(view, agent, true, out);
     }
 
-    #[inline(always)]
-    fn central<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+    fn central(&self, view: &View, out: &mut Writer) {
         out.field("drones", "as observed", "targets … throttle of every drone");
         for i in 0..self.n() {
-            self.observe_own(view, i, &mut out.unnamed());
+            out.unnamed(|out| self.observe_own(view, i, out));
         }
     }
 
-    #[inline(always)]
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
+    fn reward(&self, view: &View, terms: &mut Writer) {
         let own = &self.settings;
-        let mut sum = S::zero();
+        let mut sum = Trace::zero();
         for k in 0..self.n() {
             sum += rational_kernel(own.cover_scale, self.squared_gap(view, k));
         }
@@ -213,8 +204,7 @@ impl Task for Spread {
         terms.number(times(own.reward_cover, sum));
     }
 
-    #[inline(always)]
-    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
+    fn ends(&self, view: &View, ends: &mut Ends) {
         let own = &self.settings;
         let (least, most) = (own.min_separation, own.max_distance);
         ends.when("crash", "min z_i < {min_height} m", less(lowest(view), own.min_height));
@@ -222,16 +212,14 @@ impl Task for Spread {
         ends.when("far", "max ‖p_i − p_c‖ > {max_distance} m", more(self.squared_distance(view), most * most));
     }
 
-    #[inline(always)]
-    fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+    fn metrics(&self, view: &View, out: &mut Writer) {
         let floor = safe::SQUARED_NORM_FLOOR;
         out.metric("coverage_error", "m", safe::sqrt(self.squared_error(view), floor));
         out.metric("separation", "m", safe::sqrt(squared_separation(view), floor));
         out.metric("throttle_difference", "-", mean_throttle_difference(view));
     }
 
-    #[inline(always)]
-    fn success<S: Scalar>(&self, view: &View<'_, S>) -> S::Mask {
+    fn success(&self, view: &View) -> TraceMask {
         let most = self.settings.success_distance;
         less(self.squared_error(view), most * most)
     }
@@ -240,10 +228,9 @@ impl Task for Spread {
         Success::below("coverage_error", self.settings.success_distance)
     }
 
-    #[inline(always)]
-    fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
+    fn loss(&self, view: &View, loss: &mut Loss) {
         let (own, w) = (&self.settings, &self.settings.loss);
-        let mut sum = S::zero();
+        let mut sum = Trace::zero();
         for i in 0..self.n() {
             let drone = view.drone(i);
             sum += smooth_norm(self.own_way(view, i), w.radius);
@@ -251,7 +238,7 @@ impl Task for Spread {
             sum += rate_cost(w.rate, drone.angular_velocity);
         }
         let formula = "mean(√(‖t_i − p_i‖² + {loss_radius}²) + {×loss_velocity}h₅(v_i) + {×loss_rate}h₁₀(ω_i))";
-        loss.add(formula, S::constant(1.0 / self.n() as f64) * sum);
+        loss.add(formula, Trace::constant(1.0 / self.n() as f64) * sum);
         loss.add(CROWD, crowded(own.loss_crowd, view, own.loss_separation));
     }
 

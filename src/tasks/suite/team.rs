@@ -1,7 +1,7 @@
 //! What the tasks of several drones share: who sees whom, how far apart they are, what they carry.
 
 use super::{PoseLoss, more, times};
-use crate::autodiff::{Mask, Scalar, safe};
+use crate::autodiff::{Mask, Scalar, Trace, TraceMask, safe};
 use crate::dynamics::Vehicle;
 use crate::dynamics::assembly::{Member, group, single};
 use crate::dynamics::frame::Frame;
@@ -43,19 +43,17 @@ pub(crate) fn free_team(name: &str, config: &EnvConfig, vehicle: &str, n_drone: 
 }
 
 /// Drone `i` as it sees itself: where it is about its load, ŝ, and which of the team it is.
-#[inline(always)]
-pub(crate) fn observe_own<S: Scalar>(view: &View<'_, S>, i: usize, load: Vec3<S>, out: &mut impl Writer<S>) {
+pub(crate) fn observe_own(view: &View, i: usize, load: Vec3<Trace>, out: &mut Writer) {
     out.field("place", "m, world", "p_i − p of what it carries").array(sub(view.drone(i).position, load));
     view.observe_drone(i, out);
     out.field("index", "-", "1 at i, else 0").within(0.0, 1.0);
     for j in 0..view.robot.drones().len() {
-        out.number(if i == j { S::one() } else { S::zero() });
+        out.number(if i == j { Trace::one() } else { Trace::zero() });
     }
 }
 
 /// The other drones as drone `i` sees them, with their distances if asked for.
-#[inline(always)]
-pub(crate) fn observe_others<S: Scalar>(view: &View<'_, S>, i: usize, distance: bool, out: &mut impl Writer<S>) {
+pub(crate) fn observe_others(view: &View, i: usize, distance: bool, out: &mut Writer) {
     let others = view.robot.drones().len() - 1;
     if distance {
         let meaning = "p_i − p_j, ‖p_i − p_j‖, q_j, v_j, ω_j for every other j, ascending";
@@ -85,13 +83,7 @@ pub(crate) fn observe_others<S: Scalar>(view: &View<'_, S>, i: usize, distance: 
 pub type LoadNames = [&'static str; 5];
 
 /// Attitude and motion of what the team carries, and the clock.
-#[inline(always)]
-pub(crate) fn observe_load<S: Scalar>(
-    view: &View<'_, S>,
-    names: &LoadNames,
-    load: &Frame<S>,
-    out: &mut impl Writer<S>,
-) {
+pub(crate) fn observe_load(view: &View, names: &LoadNames, load: &Frame<Trace>, out: &mut Writer) {
     out.field(names[0], "-, body → world", "unit quaternion, w ≥ 0").within(-1.0, 1.0).non_smooth();
     out.array(load.observed_attitude());
     out.field(names[1], "m/s, world", "v").array(load.velocity);
@@ -102,17 +94,15 @@ pub(crate) fn observe_load<S: Scalar>(
 }
 
 /// All drones as they see themselves.
-#[inline(always)]
-pub(crate) fn observe_drones<S: Scalar>(view: &View<'_, S>, load: Vec3<S>, out: &mut impl Writer<S>) {
+pub(crate) fn observe_drones(view: &View, load: Vec3<Trace>, out: &mut Writer) {
     let own = "place, attitude, velocity, angular_velocity, heading, up, throttle, index of every drone";
     out.field("drones", "as observed", own);
     for i in 0..view.robot.drones().len() {
-        observe_own(view, i, load, &mut out.unnamed());
+        out.unnamed(|out| observe_own(view, i, load, out));
     }
 }
 
 /// Height of the lowest drone, m.
-#[inline(always)]
 pub fn lowest<S: Scalar>(view: &View<'_, S>) -> S {
     let mut least = view.drone(0).position[2];
     for i in 1..view.robot.drones().len() {
@@ -122,7 +112,6 @@ pub fn lowest<S: Scalar>(view: &View<'_, S>) -> S {
 }
 
 /// Height of the highest drone, m.
-#[inline(always)]
 pub fn highest<S: Scalar>(view: &View<'_, S>) -> S {
     let mut most = view.drone(0).position[2];
     for i in 1..view.robot.drones().len() {
@@ -132,7 +121,6 @@ pub fn highest<S: Scalar>(view: &View<'_, S>) -> S {
 }
 
 /// Least x of the drones, m.
-#[inline(always)]
 pub(crate) fn hindmost<S: Scalar>(view: &View<'_, S>) -> S {
     let mut least = view.drone(0).position[0];
     for i in 1..view.robot.drones().len() {
@@ -142,7 +130,6 @@ pub(crate) fn hindmost<S: Scalar>(view: &View<'_, S>) -> S {
 }
 
 /// sep²: the least squared distance of two drones, m².
-#[inline(always)]
 pub(crate) fn squared_separation<S: Scalar>(view: &View<'_, S>) -> S {
     let mut least = S::constant(1e12);
     for i in 1..view.robot.drones().len() {
@@ -155,7 +142,6 @@ pub(crate) fn squared_separation<S: Scalar>(view: &View<'_, S>) -> S {
 }
 
 /// r_sep = min((sep/`wanted`)², 1).
-#[inline(always)]
 pub fn apart<S: Scalar>(view: &View<'_, S>, wanted: f64) -> S {
     (squared_separation(view) * S::constant(1.0 / (wanted * wanted))).min(S::one())
 }
@@ -164,13 +150,11 @@ pub fn apart<S: Scalar>(view: &View<'_, S>, wanted: f64) -> S {
 pub(crate) const CROWD: &str = "{×loss_crowd}(1 − min((sep/{loss_separation} m)², 1))²";
 
 /// w (1 − r_sep)².
-#[inline(always)]
 pub(crate) fn crowded<S: Scalar>(weight: f64, view: &View<'_, S>, wanted: f64) -> S {
     times(weight, (S::one() - apart(view, wanted)).square())
 }
 
 /// Mean of Δs over the drones.
-#[inline(always)]
 pub(crate) fn mean_throttle_difference<S: Scalar>(view: &View<'_, S>) -> S {
     let n = view.robot.drones().len();
     let mut sum = S::zero();
@@ -181,7 +165,6 @@ pub(crate) fn mean_throttle_difference<S: Scalar>(view: &View<'_, S>) -> S {
 }
 
 /// (Σ|x_i|)²: the square of a 1-norm.
-#[inline(always)]
 pub(crate) fn squared_sum<S: Scalar>(x: Vec3<S>) -> S {
     (x[0].abs() + x[1].abs() + x[2].abs()).square()
 }
@@ -192,14 +175,8 @@ pub(crate) fn team_mass(vehicle: &Vehicle, n_drone: usize) -> f64 {
 }
 
 /// What a task with a course remembers: whether the team was `here` once, all of it beyond the obstacles, and the clearance.
-#[inline(always)]
-pub(crate) fn remember_course<S: Scalar>(
-    view: &View<'_, S>,
-    here: S::Mask,
-    clearance: S,
-    task_state: &mut impl Writer<S>,
-) {
-    let arrived = S::select(here.and(more(hindmost(view), BEYOND)), S::one(), arrived(view));
+pub(crate) fn remember_course(view: &View, here: TraceMask, clearance: Trace, task_state: &mut Writer) {
+    let arrived = Trace::select(here.and(more(hindmost(view), BEYOND)), Trace::one(), arrived(view));
     task_state.field("arrived", "-", "1 once the target was reached beyond the obstacles, else 0").number(arrived);
     task_state.field("clearance", "m", "c after the last step").number(clearance);
 }
@@ -210,28 +187,24 @@ const BEYOND: f64 = 0.05;
 pub(super) const ALL_BEYOND: &str = "with all drones beyond x = 0.05 m";
 
 /// The first of [`remember_course`].
-#[inline(always)]
 pub(crate) fn arrived<S: Scalar>(view: &View<'_, S>) -> S {
-    view.task_state.get(0)
+    view.task_state[0]
 }
 
 /// The second of [`remember_course`].
-#[inline(always)]
 pub fn clearance<S: Scalar>(view: &View<'_, S>) -> S {
-    view.task_state.get(1)
+    view.task_state[1]
 }
 
 /// What one of a team observes, and the central state: drones, then what the task's `observe_shared` adds.
 macro_rules! observes_team {
     ($own:ident, $body:expr, $distance:expr) => {
-        #[inline(always)]
-        fn observe<S: Scalar>(&$own, view: &View<'_, S>, agent: usize, out: &mut impl Writer<S>) {
+        fn observe(&$own, view: &View, agent: usize, out: &mut Writer) {
             crate::tasks::suite::team::observe_own(view, agent, view.frame($body).position, out);
             crate::tasks::suite::team::observe_others(view, agent, $distance, out);
             $own.observe_shared(view, out);
         }
-        #[inline(always)]
-        fn central<S: Scalar>(&$own, view: &View<'_, S>, out: &mut impl Writer<S>) {
+        fn central(&$own, view: &View, out: &mut Writer) {
             crate::tasks::suite::team::observe_drones(view, view.frame($body).position, out);
             $own.observe_shared(view, out);
         }

@@ -3,16 +3,15 @@
 use super::load::{Load, LoadSettings, Side};
 use super::transport_hover::TransportHover;
 use super::*;
-use crate::autodiff::{StridedView, StridedViewMut};
+use crate::autodiff::{Scalar, Trace};
 use crate::dynamics::contact::distance;
-use crate::dynamics::frame::FRAME;
 use crate::dynamics::shape::{Geometry, Pose, Shape};
-use crate::tasks::any_task::declare;
-use crate::tasks::declare::{Goal, Masks};
+use crate::tasks::any_task::{Snapshot, declare};
+use crate::tasks::declare::Goal;
 use crate::tasks::robot::{Inertial, Robot};
-use crate::tasks::task::{BuiltIn, MAX_ENDS, MAX_TERMS, streams};
+use crate::tasks::task::{BuiltIn, streams};
 use crate::tasks::task_spec::total;
-use crate::tasks::{EnvConfig, Start, Task, View};
+use crate::tasks::{Ends, EnvConfig, Start, Task, View, Writer};
 
 fn config(n_env: usize, task: &str) -> EnvConfig {
     EnvConfig { n_env, task: toml::from_str(task).unwrap(), ..EnvConfig::default() }
@@ -34,7 +33,7 @@ fn drawn_mass_properties_are_those_of_the_model_at_its_masses() {
     }
 }
 
-/// Reward terms and ends of a task at its ideal, in `f64`.
+/// Reward terms of a task at its ideal, and whether it ends there.
 fn at_ideal(task: &impl Task) -> (Vec<f64>, bool) {
     let (robot, own) = (task.robot(), declare(task).unwrap());
     let (mut state, mut numbers) = (robot.rest().to_vec(), robot.parameters());
@@ -52,28 +51,18 @@ fn at_ideal(task: &impl Task) -> (Vec<f64>, bool) {
         event_at: f64::INFINITY,
         difficulty: 1.0,
     });
-    let mut frames = vec![0.0; robot.n_frame() * FRAME];
-    robot.plant().write_frames(&numbers, &state, &mut frames);
-    let speeds: Vec<f64> = robot.drones().iter().flat_map(|d| d.rotors.iter().map(|r| state[r.speed])).collect();
-    let mut new = task_state.clone();
-    let mut view = View {
-        robot,
-        state: StridedView::of(&state[..]),
-        frames: StridedView::of(&frames[..]),
-        speeds_before: StridedView::of(&speeds[..]),
-        goal: StridedView::of(&goal[..]),
-        task_state: StridedView::of(&task_state[..]),
-        step: 0.0,
-        clock: 0.0,
-    };
-    task.remember(&view, &mut StridedViewMut::of(&mut new).writer(0));
-    view.task_state = StridedView::of(&new[..]);
-    let mut terms = [0.0; MAX_TERMS];
-    task.reward(&view, &mut StridedViewMut::of(&mut terms).writer(0));
-    let mut ends = [false; MAX_ENDS];
-    task.ends(&view, &mut Masks::new(&mut ends));
-    assert!(task.success(&view));
-    (terms[..own.reward.len()].to_vec(), ends.contains(&true))
+    let seen = Snapshot::of(robot, robot.plant(), &numbers, &state, &goal, task_state);
+    seen.ask(robot, |view| {
+        let kept = Writer::written(|out| task.remember(view, out)).numbers();
+        let view = View { task_state: &kept[..], ..*view };
+        let terms = Writer::written(|out| task.reward(&view, out)).numbers();
+        let mut ends = Ends::default();
+        task.ends(&view, &mut ends);
+        let holds = |mask| Trace::select(mask, Trace::one(), Trace::zero()).known() == Some(1.0);
+        let reached = Trace::select(task.success(&view), Trace::one(), Trace::zero()).known();
+        assert_eq!(reached, Some(1.0), "{}", task.about());
+        (terms.into_iter().map(|x| x.known().unwrap()).collect(), ends.masks.into_iter().any(holds))
+    })
 }
 
 fn reaches_its_bounds(task: &impl Task) {

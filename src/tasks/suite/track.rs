@@ -10,7 +10,7 @@ use super::{
     MotionLoss, PathSuccess, PoseReward, StartAttitude, drive_loss, ease_of_flight, less, made_of, rate_cost,
     speed_cost, succeeds_within, times,
 };
-use crate::autodiff::{Scalar, safe};
+use crate::autodiff::{Scalar, Trace, safe};
 use crate::dynamics::spatial::{Vec3, sub};
 use crate::error::Result;
 use crate::settings;
@@ -55,9 +55,8 @@ impl BuiltIn for Track {
 
 impl Track {
     /// p_ref(k) − p.
-    #[inline(always)]
     fn error<S: Scalar>(&self, view: &View<'_, S>) -> Vec3<S> {
-        sub(self.path.at(&view.goal, view.step), view.drone(0).position)
+        sub(self.path.at(view.goal, view.step), view.drone(0).position)
     }
 }
 
@@ -80,28 +79,24 @@ impl Task for Track {
         self.path.join(start, 0, Some(0.0));
     }
 
-    #[inline(always)]
-    fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut impl Writer<S>) {
+    fn observe(&self, view: &View, _: usize, out: &mut Writer) {
         self.path.observe_ahead(view, view.drone(0).position, out);
         view.observe_drone(0, out);
         view.observe_clock(out);
     }
 
-    #[inline(always)]
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
+    fn reward(&self, view: &View, terms: &mut Writer) {
         let (own, w) = (&self.settings, &self.settings.reward);
         let pose = exponential_kernel(own.pose_scale, self.error(view));
         calm_pose(view, pose, w, "{×reward_pose}r_p, r_p = e^{−{×pose_scale}d}", terms);
     }
 
-    #[inline(always)]
-    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
+    fn ends(&self, view: &View, ends: &mut Ends) {
         ends.when("crash", "z < {min_height} m", less(view.drone(0).position[2], self.settings.min_height));
-        ends.when("far", "d > {reset_distance} m", self.path.far(&view.goal, self.error(view)));
+        ends.when("far", "d > {reset_distance} m", self.path.far(view.goal, self.error(view)));
     }
 
-    #[inline(always)]
-    fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+    fn metrics(&self, view: &View, out: &mut Writer) {
         out.metric("position_error", "m", safe::norm(self.error(view)));
         out.metric("uprightness", "-", view.drone(0).up()[2]);
         out.metric("throttle_difference", "-", view.throttle_difference(0));
@@ -109,10 +104,9 @@ impl Task for Track {
 
     succeeds_within!(self, view: self.error(view), self.settings.success.distance; held self.settings.success.time);
 
-    #[inline(always)]
-    fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
+    fn loss(&self, view: &View, loss: &mut Loss) {
         let (drone, w) = (view.drone(0), &self.settings.loss);
-        let slip = sub(self.path.velocity(&view.goal, view.step), drone.velocity);
+        let slip = sub(self.path.velocity(view.goal, view.step), drone.velocity);
         loss.add("√(d² + {loss_radius}²)", smooth_norm(self.error(view), w.radius));
         loss.add("{×loss_velocity}h₅(ṗ_ref − v)", speed_cost(w.velocity, slip));
         loss.add("{×loss_rate}h₁₀(ω)", rate_cost(w.rate, drone.angular_velocity));
@@ -130,18 +124,11 @@ impl Task for Track {
 }
 
 /// The reward of a pose r_p that has a tip, upright and without spin.
-#[inline(always)]
-pub(super) fn calm_pose<S: Scalar>(
-    view: &View<'_, S>,
-    pose: S,
-    w: &PoseReward,
-    formula: &'static str,
-    terms: &mut impl Writer<S>,
-) {
+pub(super) fn calm_pose(view: &View, pose: Trace, w: &PoseReward, formula: &'static str, terms: &mut Writer) {
     let drone = view.drone(0);
     terms.term("pose", formula, w.pose).piecewise().number(times(w.pose, pose));
     terms.term("up", "{×reward_up}r_p/(1 + (1 − u_z)²)", w.up).piecewise();
-    terms.number(times(w.up, pose) * rational_kernel(1.0, (S::one() - drone.up()[2]).square()));
+    terms.number(times(w.up, pose) * rational_kernel(1.0, (Trace::one() - drone.up()[2]).square()));
     terms.term("spin", "{×reward_spin}r_p/(1 + ω_z²)", w.spin).piecewise();
     terms.number(times(w.spin, pose) * still(drone.angular_velocity));
     terms.term("effort", "{×reward_effort}e^{−e}", w.effort).number(ease_of_flight(w.effort, view));

@@ -2,7 +2,7 @@
 
 use super::team::{CROWD, LoadNames, TeamSettings, apart, crowded, squared_sum, team_mass};
 use super::{PoseLoss, rate_cost, speed_cost, squared, times};
-use crate::autodiff::Scalar;
+use crate::autodiff::{Scalar, Trace};
 use crate::dynamics::configurations::{Configuration, Transport, TransportMap};
 use crate::dynamics::contact::distance::plane_distance;
 use crate::dynamics::shape::{Geometry, Pose};
@@ -136,52 +136,46 @@ impl Load {
     }
 
     /// Height of its lowest corner above z = 0, m.
-    #[inline(always)]
     pub fn height<S: Scalar>(&self, view: &View<'_, S>) -> S {
         let frame = view.frame(BOX);
         plane_distance(&self.shape, &Pose { position: frame.position, attitude: frame.attitude }, S::zero())
     }
 
     /// r_j = w mean(1 − min(q̂², 1)) over all bars' joints, q̂ = angle/range.
-    #[inline(always)]
     pub fn straight<S: Scalar>(&self, weight: f64, view: &View<'_, S>) -> S {
         let mut sum = S::zero();
         for i in 0..self.angles.len() {
-            sum += (view.state.get(self.angles[i]).square() * S::constant(self.weight)).min(S::one());
+            sum += (view.state[self.angles[i]].square() * S::constant(self.weight)).min(S::one());
         }
         S::constant(weight) - sum * S::constant(weight / self.angles.len() as f64)
     }
 
     /// w mean h₁(q̂) over all bars' joints.
-    #[inline(always)]
     pub fn askew<S: Scalar>(&self, weight: f64, view: &View<'_, S>) -> S {
         let (n, scale) = (self.angles.len(), S::constant(self.weight.sqrt()));
         let mut sum = S::zero();
         for i in 0..n {
-            sum += pseudo_huber([view.state.get(self.angles[i]) * scale], 1.0);
+            sum += pseudo_huber([view.state[self.angles[i]] * scale], 1.0);
         }
         times(weight / n as f64, sum)
     }
 
     /// r_s = min((sep/`separation`)², 1).
-    #[inline(always)]
     pub fn apart<S: Scalar>(&self, view: &View<'_, S>) -> S {
         apart(view, self.separation)
     }
 
     /// The terms joints and effort.
-    #[inline(always)]
-    pub fn ease<S: Scalar>(&self, view: &View<'_, S>, near: S, w: &CarryReward, terms: &mut impl Writer<S>) {
+    pub fn ease(&self, view: &View, near: Trace, w: &CarryReward, terms: &mut Writer) {
         terms.term("joints", "{×reward_joints}r_s mean(1 − min(q̂², 1))", w.joints).piecewise();
         terms.number(near * self.straight(w.joints, view));
         terms.term("effort", "{×reward_effort}r_s · mean e^{−e_i}", w.effort).piecewise();
-        terms.number(near * S::constant(w.effort) * view.mean_effort_reward());
+        terms.number(near * Trace::constant(w.effort) * view.mean_effort_reward());
     }
 }
 
 /// The reward of Hover and Track, with the term of the pose r_p open.
-#[inline(always)]
-pub fn steady<S: Scalar>(view: &View<'_, S>, load: &Load, pose: S, w: &SteadyReward, terms: &mut impl Writer<S>) {
+pub fn steady(view: &View, load: &Load, pose: Trace, w: &SteadyReward, terms: &mut Writer) {
     let (frame, near) = (view.frame(BOX), load.apart(view));
     let posed = near * pose;
     terms.piecewise().number(times(w.carry.pose, posed));
@@ -196,20 +190,19 @@ pub fn steady<S: Scalar>(view: &View<'_, S>, load: &Load, pose: S, w: &SteadyRew
 
 /// A smooth cost of the box being away (`error`, m), tilted and in motion relative to a `velocity`, with its formula; and of
 /// drones that turn, bars that hang askew and drones that crowd.
-#[inline(always)]
-pub(crate) fn group_loss<S: Scalar>(
-    (view, load): (&View<'_, S>, &Load),
-    (distance, error): (&'static str, Vec3<S>),
-    (motion, velocity): (&'static str, Vec3<S>),
+pub(crate) fn group_loss(
+    (view, load): (&View, &Load),
+    (distance, error): (&'static str, Vec3<Trace>),
+    (motion, velocity): (&'static str, Vec3<Trace>),
     own: &GroupLoss,
-    loss: &mut impl Loss<S>,
+    loss: &mut Loss,
 ) {
     let (frame, w, n) = (view.frame(BOX), &own.pose, view.robot.drones().len());
     loss.add(distance, smooth_norm(error, w.motion.radius));
     loss.add("{×loss_turn}‖e_z − u‖²", squared(w.turn, sub(constants([0.0, 0.0, 1.0]), frame.up())));
     loss.add(motion, speed_cost(w.motion.velocity, sub(velocity, frame.velocity)));
     loss.add("{×loss_rate}h₁₀(ω)", rate_cost(w.motion.rate, frame.angular_velocity));
-    let mut turning = S::zero();
+    let mut turning = Trace::zero();
     for i in 0..n {
         turning += rate_cost(own.drone_rate / n as f64, view.drone(i).angular_velocity);
     }

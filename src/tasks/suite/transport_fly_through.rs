@@ -19,7 +19,7 @@ use super::transport::{
     BOX, BOX_NAMES, CarryReward, GroupLoss, GroupSettings, Load, TO_TARGET, group, group_loss, stiff_physics,
 };
 use super::{StartAttitude, StartRange, along_the_course, less, made_of, more, nearer, succeeds_once, times};
-use crate::autodiff::{Scalar, safe};
+use crate::autodiff::{Array, Scalar, Trace, safe};
 use crate::dynamics::shape::Pose;
 use crate::dynamics::spatial::{Vec3, sub};
 use crate::error::Result;
@@ -90,14 +90,12 @@ impl BuiltIn for TransportFlyThrough {
 
 impl TransportFlyThrough {
     /// p_t − p.
-    #[inline(always)]
     fn error<S: Scalar>(view: &View<'_, S>) -> Vec3<S> {
         sub(view.goal.array(0), view.frame(BOX).position)
     }
 
     /// What follows the drones in observations.
-    #[inline(always)]
-    fn observe_shared<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+    fn observe_shared(&self, view: &View, out: &mut Writer) {
         let frame = view.frame(BOX);
         out.field("target", "m, world", "p_t − p").array(Self::error(view));
         self.bars.observe(view, frame.position, out);
@@ -138,16 +136,14 @@ impl Task for TransportFlyThrough {
         }
     }
 
-    #[inline(always)]
-    fn remember<S: Scalar>(&self, view: &View<'_, S>, task_state: &mut impl Writer<S>) {
+    fn remember(&self, view: &View, task_state: &mut Writer) {
         let near = nearer(Self::error(view), self.settings.success_distance);
         remember_course(view, near, self.bars.clearance(view), task_state);
     }
 
     observes_team!(self, BOX, true);
 
-    #[inline(always)]
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
+    fn reward(&self, view: &View, terms: &mut Writer) {
         let (near, w) = (self.load.apart(view), &self.settings.reward);
         let posed = near * exponential_kernel(self.settings.pose_scale, Self::error(view));
         terms.term("pose", "{×reward_pose}r_s r_p, r_p = e^{−{×pose_scale}‖p_t − p‖}", w.pose).piecewise();
@@ -157,18 +153,16 @@ impl Task for TransportFlyThrough {
         self.load.ease(view, near, w, terms);
     }
 
-    #[inline(always)]
-    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
+    fn ends(&self, view: &View, ends: &mut Ends) {
         let own = &self.settings;
         ends.when("crash", "min z_i < {min_height} m", less(lowest(view), own.min_height));
         ends.when("high", "max z_i > {max_height} m", more(highest(view), own.max_height));
         ends.when("box_low", "z < {box_min_height} m", less(view.frame(BOX).position[2], own.box_min_height));
-        let contact = where_on::<S>(own.reset_on_collision, touches(clearance(view)));
+        let contact = where_on::<Trace>(own.reset_on_collision, touches(clearance(view)));
         ends.when("collision", "c < 0, if reset_on_collision", contact);
     }
 
-    #[inline(always)]
-    fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+    fn metrics(&self, view: &View, out: &mut Writer) {
         out.metric("position_error", "m", safe::norm(Self::error(view)));
         out.metric("uprightness", "-", view.frame(BOX).up()[2]);
         out.metric("separation", "m", squared_separation(view).sqrt());
@@ -178,10 +172,9 @@ impl Task for TransportFlyThrough {
 
     succeeds_once!(self, view: arrived(view), self.settings.success_distance; ALL_BEYOND);
 
-    #[inline(always)]
-    fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
+    fn loss(&self, view: &View, loss: &mut Loss) {
         let w = &self.settings.loss;
-        let motion = (TO_TARGET[1], [S::zero(); 3]);
+        let motion = (TO_TARGET[1], [Trace::zero(); 3]);
         group_loss((view, &self.load), (TO_TARGET[0], Self::error(view)), motion, w, loss);
         loss.add(NEARNESS, nearness(self.settings.loss_clearance, clearance(view)));
     }

@@ -14,7 +14,7 @@ use super::transport::{
     BOX, BOX_NAMES, GroupLoss, GroupSettings, Load, SteadyReward, TO_TARGET, free_robot, group_loss, steady,
 };
 use super::{PoseSuccess, StartAttitude, StartRange, less, made_of, squared, succeeds_within};
-use crate::autodiff::{Mask, Scalar, safe};
+use crate::autodiff::{Array, Mask, Scalar, Trace, safe};
 use crate::dynamics::spatial::{Vec3, constants, dot, sub, yawed};
 use crate::error::Result;
 use crate::settings;
@@ -63,20 +63,17 @@ impl BuiltIn for TransportHover {
 
 impl TransportHover {
     /// p_t − p.
-    #[inline(always)]
     fn error<S: Scalar>(&self, view: &View<'_, S>) -> Vec3<S> {
         sub(constants(self.settings.target), view.frame(BOX).position)
     }
 
     /// h_t − h.
-    #[inline(always)]
     fn heading_error<S: Scalar>(view: &View<'_, S>) -> Vec3<S> {
         sub(view.goal.array(0), view.frame(BOX).heading())
     }
 
     /// What follows the drones in observations.
-    #[inline(always)]
-    fn observe_shared<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+    fn observe_shared(&self, view: &View, out: &mut Writer) {
         out.field("target", "m, world", "p_t − p").array(self.error(view));
         out.field("heading_error", "-, world", "h_t − h").within(-2.0, 2.0).array(Self::heading_error(view));
         observe_load(view, &BOX_NAMES, &view.frame(BOX), out);
@@ -104,22 +101,19 @@ impl Task for TransportHover {
 
     observes_team!(self, BOX, true);
 
-    #[inline(always)]
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
+    fn reward(&self, view: &View, terms: &mut Writer) {
         let w = &self.settings.reward;
         let pose = exponential_kernel(self.settings.pose_scale, both(self.error(view), Self::heading_error(view)));
         terms.term("pose", "{×reward_pose}r_s r_p, r_p = e^{−{×pose_scale}‖(p_t − p, h_t − h)‖}", w.carry.pose);
         steady(view, &self.load, pose, w, terms);
     }
 
-    #[inline(always)]
-    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
+    fn ends(&self, view: &View, ends: &mut Ends) {
         ends.when("crash", "min z_i < {min_height} m", less(lowest(view), self.settings.min_height));
-        ends.when("grounded", "the box reaches below z = 0", self.load.height(view).lt(S::zero()));
+        ends.when("grounded", "the box reaches below z = 0", self.load.height(view).lt(Trace::zero()));
     }
 
-    #[inline(always)]
-    fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+    fn metrics(&self, view: &View, out: &mut Writer) {
         let frame = view.frame(BOX);
         out.metric("position_error", "m", safe::norm(self.error(view)));
         out.metric("heading_alignment", "-", dot(frame.heading(), view.goal.array(0)));
@@ -134,16 +128,15 @@ impl Task for TransportHover {
         "uprightness": view.frame(BOX).up()[2], self.settings.success.alignment
     );
 
-    #[inline(always)]
-    fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
+    fn loss(&self, view: &View, loss: &mut Loss) {
         let w = &self.settings.loss;
-        let motion = (TO_TARGET[1], [S::zero(); 3]);
+        let motion = (TO_TARGET[1], [Trace::zero(); 3]);
         group_loss((view, &self.load), (TO_TARGET[0], self.error(view)), motion, w, loss);
         loss.add("{×loss_turn}‖h_t − h‖²", squared(w.pose.turn, Self::heading_error(view)));
     }
 
     fn reference(&self, view: &View<'_, f64>) -> Option<TaskReference> {
-        let yaw = view.goal.get(1).atan2(view.goal.get(0));
+        let yaw = view.goal[1].atan2(view.goal[0]);
         Some(TaskReference::way(&view.frame(BOX), self.settings.target, yaw, 1.5))
     }
 

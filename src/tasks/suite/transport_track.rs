@@ -64,14 +64,12 @@ impl BuiltIn for TransportTrack {
 
 impl TransportTrack {
     /// p_ref(k) − p.
-    #[inline(always)]
     fn error<S: Scalar>(&self, view: &View<'_, S>) -> Vec3<S> {
-        sub(self.path.at(&view.goal, view.step), view.frame(BOX).position)
+        sub(self.path.at(view.goal, view.step), view.frame(BOX).position)
     }
 
     /// What follows the drones in observations.
-    #[inline(always)]
-    fn observe_shared<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+    fn observe_shared(&self, view: &View, out: &mut Writer) {
         let frame = view.frame(BOX);
         self.path.observe_ahead(view, frame.position, out);
         observe_load(view, &BOX_NAMES, &frame, out);
@@ -102,21 +100,18 @@ impl Task for TransportTrack {
 
     observes_team!(self, BOX, true);
 
-    #[inline(always)]
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
+    fn reward(&self, view: &View, terms: &mut Writer) {
         let w = &self.settings.reward;
         terms.term("pose", "{×reward_pose}r_s r_p, r_p = e^{−{×pose_scale}d}", w.carry.pose);
         steady(view, &self.load, exponential_kernel(self.settings.pose_scale, self.error(view)), w, terms);
     }
 
-    #[inline(always)]
-    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
+    fn ends(&self, view: &View, ends: &mut Ends) {
         ends.when("crash", "min z_i < {min_height} m", less(lowest(view), self.settings.min_height));
-        ends.when("far", "d > {reset_distance} m", self.path.far(&view.goal, self.error(view)));
+        ends.when("far", "d > {reset_distance} m", self.path.far(view.goal, self.error(view)));
     }
 
-    #[inline(always)]
-    fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+    fn metrics(&self, view: &View, out: &mut Writer) {
         out.metric("position_error", "m", safe::norm(self.error(view)));
         out.metric("uprightness", "-", view.frame(BOX).up()[2]);
         out.metric("separation", "m", squared_separation(view).sqrt());
@@ -125,10 +120,9 @@ impl Task for TransportTrack {
 
     succeeds_within!(self, view: self.error(view), self.settings.success.distance; held self.settings.success.time);
 
-    #[inline(always)]
-    fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
+    fn loss(&self, view: &View, loss: &mut Loss) {
         let distance = ("√(d² + {loss_radius}²)", self.error(view));
-        let motion = ("{×loss_velocity}h₅(ṗ_ref − v)", self.path.velocity(&view.goal, view.step));
+        let motion = ("{×loss_velocity}h₅(ṗ_ref − v)", self.path.velocity(view.goal, view.step));
         group_loss((view, &self.load), distance, motion, &self.settings.loss, loss);
     }
 

@@ -1,0 +1,320 @@
+//! The phases of a step as programs, in place over the rows of a block of environments.
+
+use super::block::EnvBlock;
+use super::core::Core;
+use super::layout::{EnvLayout, Part};
+use super::phases::{Numbers, Step};
+use crate::autodiff::native::{Executable, Layout, PerProcess, Place, Rows, Work};
+use crate::autodiff::program::BLOCK;
+use crate::autodiff::{Program, Recording, Trace};
+use crate::dynamics::batch::Block;
+use crate::error::Result;
+use crate::tasks::observation::AgentArrays;
+use std::collections::BTreeMap;
+use std::fmt;
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::ops::Range;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+
+/// What environments run.
+#[derive(Debug)]
+pub(crate) struct Programs {
+    /// Actions to commands, where controllers stand behind.
+    pub act: Option<RowProgram>,
+    /// From actions, or from commands, to what is judged and observed.
+    pub step: RowProgram,
+    /// What is observed, of the state as it is.
+    pub observe: RowProgram,
+    /// One agent's observation through the stages, if there are any.
+    pub transform: Option<StageProgram>,
+    /// Where all bodies are, where sensors ask.
+    pub frames: Option<RowProgram>,
+}
+
+/// Phases that work on rows.
+pub(crate) struct RowProgram {
+    made: Arc<Made>,
+    /// Rows of work that it reads.
+    reads: Vec<usize>,
+}
+
+/// What was recorded, and what was made of it.
+struct Made {
+    recording: Recording,
+    layout: Layout,
+    executable: Executable<[f32; BLOCK]>,
+}
+
+type Known = BTreeMap<u64, Vec<Weak<Made>>>;
+
+/// What somebody has, by its hash: environments of a kind share their programs.
+static KNOWN: PerProcess<Mutex<Known>> = PerProcess::new();
+
+fn known() -> MutexGuard<'static, Known> {
+    KNOWN.get().lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Made {
+    /// Of what somebody has already, or made now.
+    fn of(recording: Recording, layout: Layout) -> Result<Arc<Self>> {
+        let mut hasher = DefaultHasher::new();
+        (&recording, &layout).hash(&mut hasher);
+        let hash = hasher.finish();
+        let alike: Vec<Arc<Self>> = known().get(&hash).into_iter().flatten().filter_map(Weak::upgrade).collect();
+        let is_same = |made: &Arc<Self>| made.recording == recording && made.layout == layout;
+        if let Some(made) = alike.into_iter().find(is_same) {
+            return Ok(made);
+        }
+        let executable = Executable::new(&Program::compile(&recording)?, layout.clone())?;
+        let made = Arc::new(Self { recording, layout, executable });
+        let mut known = known();
+        known.retain(|_, alike| {
+            alike.retain(|made| made.strong_count() > 0);
+            !alike.is_empty()
+        });
+        known.entry(hash).or_default().push(Arc::downgrade(&made));
+        Ok(made)
+    }
+}
+
+/// Scratch of a worker, a program each.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Scratch {
+    pub act: Option<Work<[f32; BLOCK]>>,
+    pub step: Option<Work<[f32; BLOCK]>>,
+    pub observe: Option<Work<[f32; BLOCK]>>,
+    pub transform: Option<Work<[f32; BLOCK]>>,
+    pub frames: Option<Work<[f32; BLOCK]>>,
+}
+
+/// The array of work, behind those of physics and of what is kept: see [`Numbers`].
+const WORK: u8 = 2;
+
+impl Programs {
+    pub(crate) fn of(core: &Core) -> Result<Self> {
+        let work = &core.layout.work;
+        let decodes = core.control.is_continuous();
+        let senses = core.sensing.is_some();
+        let observe = RowProgram::of(core, &[work.raw.range(), work.central.range()], |step| {
+            step.move_frames();
+            step.observe();
+        })?;
+        let mut told = vec![work.raw.range(), work.central.range(), work.metrics.range(), work.signals.range()];
+        told.extend(observe.reads.iter().map(|row| *row..row + 1));
+        if senses {
+            told.push(work.frames.range());
+        }
+        let is_led = core.residual.is_some();
+        let act = |step: &mut Step<'_>| {
+            if decodes {
+                step.clip(&step.actions());
+            }
+            step.delay();
+        };
+        Ok(Self {
+            act: if is_led && (decodes || core.sizes.delay > 0) {
+                Some(RowProgram::of(core, &[work.command.range()], act)?)
+            } else {
+                None
+            },
+            step: RowProgram::of(core, &told, |step| {
+                if !is_led {
+                    act(step);
+                }
+                step.fly();
+                step.observe();
+                if senses {
+                    step.tell_frames();
+                }
+            })?,
+            observe,
+            transform: if core.pipeline.is_empty() { None } else { Some(StageProgram::of(core)?) },
+            frames: if senses {
+                Some(RowProgram::of(core, &[work.frames.range()], |step| {
+                    step.move_frames();
+                    step.tell_frames();
+                })?)
+            } else {
+                None
+            },
+        })
+    }
+
+    /// For one worker.
+    pub(crate) fn scratch(&self) -> Scratch {
+        let of = |program: &Option<RowProgram>| program.as_ref().map(RowProgram::scratch);
+        Scratch {
+            act: of(&self.act),
+            step: Some(self.step.scratch()),
+            observe: Some(self.observe.scratch()),
+            transform: self.transform.as_ref().map(|program| program.0.executable.work()),
+            frames: of(&self.frames),
+        }
+    }
+}
+
+impl RowProgram {
+    /// Records phases. Rows of what is kept are written where they change, those of work where they are `told`.
+    fn of(core: &Core, told: &[Range<usize>], phases: impl FnOnce(&mut Step<'_>)) -> Result<Self> {
+        let places = core.places();
+        let is_told = |place: &Place| match place.array {
+            WORK => told.iter().any(|rows| rows.contains(&(place.row as usize))),
+            array => array < WORK,
+        };
+        let mut results = Vec::new();
+        let recording = Recording::of_lanes(places.len(), |z| {
+            let mut step = Step::new(core, core.numbers(z));
+            phases(&mut step);
+            let changed = places.iter().zip(z).zip(step.numbers.all());
+            let changed = changed.filter(|((place, before), after)| !before.is(*after) && is_told(place));
+            let (own, values) = changed.map(|((place, _), after)| (*place, after)).unzip();
+            results = own;
+            values
+        });
+        let (recording, used) = recording.of_used_inputs();
+        let arguments: Vec<Place> = used.iter().map(|k| places[*k]).collect();
+        let reads = arguments.iter().filter(|place| place.array == WORK).map(|place| place.row as usize).collect();
+        Ok(Self { made: Made::of(recording, Layout::new(arguments, results)?)?, reads })
+    }
+
+    #[cfg(test)]
+    pub(super) fn is_same(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.made, &other.made)
+    }
+
+    fn scratch(&self) -> Work<[f32; BLOCK]> {
+        self.made.executable.work()
+    }
+
+    /// Runs for these lanes of a block and those beside them in a register.
+    pub(crate) fn run(
+        &self,
+        scratch: &mut Option<Work<[f32; BLOCK]>>,
+        core: &Core,
+        block: &mut EnvBlock,
+        work: &mut [[f32; BLOCK]],
+        lanes: Range<usize>,
+    ) {
+        let scratch = scratch.get_or_insert_with(|| self.scratch());
+        let EnvBlock { plant: Block { rows, numbers, .. }, kept, .. } = block;
+        let model = numbers.as_ref().map_or(&[][..], |rows| rows);
+        let mut arrays =
+            [Rows::Write(rows), Rows::Write(kept), Rows::Write(work), Rows::Read(&core.shared), Rows::Read(model)];
+        let n = self.made.layout.n_array();
+        self.made.executable.run_within(scratch, &mut arrays[..n], lanes).expect("rows of the environment");
+    }
+}
+
+/// The stages of one agent's observation: all agents run it, each over rows of its own.
+pub(crate) struct StageProgram(Arc<Made>);
+
+impl StageProgram {
+    /// Arrays are the observation, memory, what a normaliser sees, noise, then what all agents share: whether lanes moved on and begin,
+    /// numbers that vary, statistics.
+    fn of(core: &Core) -> Result<Self> {
+        let (s, pipeline) = (&core.sizes, &core.pipeline);
+        let sizes = [s.observation, pipeline.memory, s.normalised, s.noise, 2 + s.theta, 2 * s.normalised];
+        let places: Vec<Place> = places(&sizes);
+        let mut results = Vec::new();
+        let recording = Recording::of_lanes(places.len(), |z| {
+            let mut arrays = Vec::new();
+            let mut rest = z;
+            for n in sizes {
+                let (own, behind) = rest.split_at(n);
+                arrays.push(own.to_vec());
+                rest = behind;
+            }
+            let [observation, memory, seen, noise, common, statistics] = &mut arrays[..] else { return Vec::new() };
+            pipeline.run(AgentArrays { observation, memory, seen, noise, common, statistics });
+            let changed = places.iter().zip(z).zip(arrays.iter().flatten());
+            let changed = changed.filter(|((_, before), after)| !before.is(**after));
+            let (own, values) = changed.map(|((place, _), after)| (*place, *after)).unzip();
+            results = own;
+            values
+        });
+        let (recording, used) = recording.of_used_inputs();
+        let arguments = used.iter().map(|k| places[*k]).collect();
+        Ok(Self(Made::of(recording, Layout::new(arguments, results)?)?))
+    }
+
+    /// Runs for all agents and the first `n` environments of a block.
+    pub(crate) fn run(
+        &self,
+        scratch: &mut Option<Work<[f32; BLOCK]>>,
+        core: &Core,
+        block: &mut EnvBlock,
+        work: &mut [[f32; BLOCK]],
+        n: usize,
+    ) {
+        let (s, layout) = (&core.sizes, &core.layout);
+        let scratch = scratch.get_or_insert_with(|| self.0.executable.work());
+        layout.work.common.of_mut(work)[2..].copy_from_slice(layout.kept.theta.of(&block.kept));
+        let history = layout.kept.history.of_mut(&mut block.kept);
+        let part = |part: Part, agent: usize, n: usize| {
+            let first = part.range().start + agent * n;
+            first..first + n
+        };
+        for agent in 0..s.agent {
+            let own = part(layout.work.observation, agent, s.observation);
+            work.copy_within(part(layout.work.raw, agent, s.raw), own.start);
+            let parts = [
+                own,
+                part(layout.work.seen, agent, s.normalised),
+                part(layout.work.noise, agent, s.noise),
+                layout.work.common.range(),
+            ];
+            let [observation, seen, noise, common] = work.get_disjoint_mut(parts).expect("parts lie apart");
+            let memory = &mut history[agent * core.pipeline.memory..][..core.pipeline.memory];
+            let mut arrays = [
+                Rows::Write(observation),
+                Rows::Write(memory),
+                Rows::Write(seen),
+                Rows::Read(noise),
+                Rows::Read(common),
+                Rows::Read(&core.shared),
+            ];
+            let n_array = self.0.layout.n_array();
+            self.0.executable.run(scratch, &mut arrays[..n_array], n).expect("rows of the stages");
+        }
+    }
+}
+
+impl fmt::Debug for StageProgram {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "StageProgram({:?})", self.0.executable.why_interpreted())
+    }
+}
+
+/// Every row of arrays of these sizes.
+fn places(sizes: &[usize]) -> Vec<Place> {
+    let rows = |(array, n): (usize, &usize)| (0..*n).map(move |row| Place { array: array as u8, row: row as u32 });
+    sizes.iter().enumerate().flat_map(rows).collect()
+}
+
+impl fmt::Debug for RowProgram {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "RowProgram({:?})", self.made.executable.why_interpreted())
+    }
+}
+
+impl Core {
+    /// Where each number stands: those of [`Numbers::all`] in their order, then those of the model that vary.
+    fn places(&self) -> Vec<Place> {
+        let EnvLayout { kept, work, shared } = &self.layout;
+        let sizes = [self.plant.n_row(), kept.count, work.count, shared.count];
+        let varying = self.varying.iter().map(|row| Place { array: sizes.len() as u8, row: *row as u32 });
+        places(&sizes).into_iter().chain(varying).collect()
+    }
+
+    /// The numbers of these inputs of a recording, one for each of [`Core::places`].
+    fn numbers(&self, z: &[Trace]) -> Numbers {
+        let EnvLayout { kept, work, shared } = &self.layout;
+        let (plant, z) = z.split_at(self.plant.n_row());
+        let (kept, z) = z.split_at(kept.count);
+        let (work, z) = z.split_at(work.count);
+        let (shared, varying) = z.split_at(shared.count);
+        let mut model = self.plant.constant_numbers();
+        self.varying.iter().zip(varying).for_each(|(k, own)| model[*k] = *own);
+        Numbers { plant: plant.to_vec(), kept: kept.to_vec(), work: work.to_vec(), shared: shared.to_vec(), model }
+    }
+}
