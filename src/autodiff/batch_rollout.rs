@@ -4,14 +4,15 @@
 //! the block interpreter in `f32`. The rollouts differ in their start; inputs and parameters are shared, and the
 //! gradient with respect to the parameters is the mean over the rollouts that stayed finite.
 
-use super::columns::BLOCK;
-use super::columns::Columns;
-use super::program::{BlockWorkspace, Program};
+use super::columns::{BLOCK, Columns};
+use super::native::Place;
+use super::program::{BlockWorkspace, InPlace, InPlaceWork, Program};
 use super::rollout::record_step;
 use super::system::{Objective, System};
 use super::trace::Recording;
 use crate::error::{Error, Result};
 use crate::parallel::Threads;
+use std::sync::Arc;
 
 /// One number of each environment of a block.
 type Row = [f32; BLOCK];
@@ -22,10 +23,10 @@ pub struct BatchRollout {
     n_state: usize,
     n_input: usize,
     n_parameter: usize,
-    /// [x, u, θ] → [x⁺, c].
-    step: Program,
-    /// [x, u, θ, λ⁺, ρ] → [x̄, θ̄].
-    step_adjoint: Program,
+    /// [x, u, θ] → [x⁺, c], x⁺ over x.
+    step: Arc<InPlace>,
+    /// [x, u, θ, λ⁺, ρ] → [x̄, θ̄], x̄ over λ⁺.
+    step_adjoint: Arc<InPlace>,
     /// [x, θ] → c_T.
     terminal: Program,
     /// [x, θ, ρ] → [x̄, θ̄].
@@ -60,12 +61,16 @@ impl BatchRollout {
         let terminal = Recording::of(n + p, |z| vec![objective.terminal(&z[..n], &z[n..])]);
         let mut step_adjoint = step.adjoint(0..n + m + p);
         step_adjoint.outputs.drain(n..n + m); // inputs are shared: nobody asks
+        let over = |first: usize, n_behind: usize| {
+            let own = (first..first + n).map(|row| Place { array: 0, row: row as u32 });
+            own.chain((0..n_behind as u32).map(|row| Place { array: 1, row })).collect()
+        };
         Ok(Self {
             n_state: n,
             n_input: m,
             n_parameter: p,
-            step: Program::compile(&step)?,
-            step_adjoint: Program::compile(&step_adjoint)?,
+            step: Arc::new(InPlace::new(Program::compile(&step)?, over(0, 1))),
+            step_adjoint: Arc::new(InPlace::new(Program::compile(&step_adjoint)?, over(n + m + p, p))),
             terminal: Program::compile(&terminal)?,
             terminal_adjoint: Program::compile(&terminal.adjoint(0..n + p))?,
         })
@@ -141,8 +146,8 @@ struct Sweep<'a> {
     /// States at the start of each segment, and within one.
     anchors: Vec<Row>,
     segment: Vec<Row>,
-    step: BlockWorkspace,
-    step_adjoint: BlockWorkspace,
+    step: InPlaceWork,
+    step_adjoint: InPlaceWork,
     terminal: BlockWorkspace,
     terminal_adjoint: BlockWorkspace,
 }
@@ -158,8 +163,8 @@ impl<'a> Sweep<'a> {
             results: Columns::zeros((n + 1).max(n + p)),
             anchors: Vec::new(),
             segment: Vec::new(),
-            step: of.step.block_workspace_for(n_step),
-            step_adjoint: of.step_adjoint.block_workspace_for(n_back),
+            step: of.step.work_for(n_step),
+            step_adjoint: of.step_adjoint.work_for(n_back),
             terminal: of.terminal.block_workspace_for(1),
             terminal_adjoint: of.terminal_adjoint.block_workspace_for(1),
         }
@@ -181,7 +186,7 @@ impl<'a> Sweep<'a> {
                 self.anchors.extend_from_slice(&self.arguments[..n]);
             }
             self.step_forward(u);
-            for (sum, cost) in costs.iter_mut().zip(&self.results[n]) {
+            for (sum, cost) in costs.iter_mut().zip(&self.results[0]) {
                 *sum += cost;
             }
         }
@@ -214,12 +219,10 @@ impl<'a> Sweep<'a> {
         }
     }
 
-    /// x ← f(x, u, θ); the cost of the step is left in `results[n]`.
+    /// x ← f(x, u, θ); the cost of the step is left in `results[0]`.
     fn step_forward(&mut self, u: &[f64]) {
-        let (n, m, p) = (self.of.n_state, self.of.n_input, self.of.n_parameter);
         self.set_input(u);
-        self.of.step.evaluate_block(&mut self.step, &self.arguments[..n + m + p], &mut self.results[..n + 1]);
-        self.arguments[..n].copy_from_slice(&self.results[..n]);
+        self.of.step.evaluate(BLOCK, &mut self.step, &mut self.arguments, &mut self.results);
     }
 
     /// Adds c_T; λ_T into the arguments; returns ∂c_T/∂θ.
@@ -250,12 +253,11 @@ impl<'a> Sweep<'a> {
 
     /// λ ← x̄ from the state `k` of the segment, and θ̄ added to `gradient`.
     fn step_backward(&mut self, k: usize, u: &[f64], gradient: &mut [Row]) {
-        let (n, m, p) = (self.of.n_state, self.of.n_input, self.of.n_parameter);
+        let n = self.of.n_state;
         self.arguments[..n].copy_from_slice(&self.segment[k * n..(k + 1) * n]);
         self.set_input(u);
-        self.of.step_adjoint.evaluate_block(&mut self.step_adjoint, &self.arguments, &mut self.results[..n + p]);
-        self.arguments[n + m + p..n + m + p + n].copy_from_slice(&self.results[..n]);
-        for (sum, row) in gradient.iter_mut().zip(&self.results[n..n + p]) {
+        self.of.step_adjoint.evaluate(BLOCK, &mut self.step_adjoint, &mut self.arguments, &mut self.results);
+        for (sum, row) in gradient.iter_mut().zip(&self.results[..self.of.n_parameter]) {
             for lane in 0..BLOCK {
                 sum[lane] += row[lane];
             }

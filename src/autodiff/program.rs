@@ -7,12 +7,14 @@
 //! shared by all of them. Calls of custom functions stand between runs of instructions, which know nothing of them.
 
 mod block;
+mod in_place;
 mod inline;
 mod plan;
 mod runs;
 mod slots;
 mod value;
 
+pub(crate) use self::in_place::{InPlace, InPlaceWork};
 pub(crate) use self::value::Tape;
 pub use self::value::{Action, CallOf, Callee, Instruction, Op, Source, Split, Value, ValueForm};
 pub use super::columns::BLOCK;

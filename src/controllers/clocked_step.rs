@@ -5,7 +5,9 @@
 
 use super::closed_loop::ClosedLoop;
 use super::law::{ControlLaw, Running};
-use crate::autodiff::program::{BLOCK, BlockWorkspace};
+use crate::autodiff::columns::Columns;
+use crate::autodiff::native::Place;
+use crate::autodiff::program::{BLOCK, InPlace, InPlaceWork};
 use crate::autodiff::{Program, Recording, Scalar, System};
 use crate::error::Result;
 use std::ops::Range;
@@ -18,9 +20,9 @@ const MAX_PROGRAMS: usize = 16;
 pub(super) struct ClockedStep {
     /// Inputs that are constants in `special`.
     fixed: Range<usize>,
-    special: Vec<(Vec<f64>, Program)>,
+    special: Vec<(Vec<f64>, InPlace)>,
     /// For all else.
-    general: Program,
+    general: InPlace,
 }
 
 impl ClockedStep {
@@ -41,9 +43,10 @@ impl ClockedStep {
                 system.step(&z[..n], &input, &z[n + m..], &mut next);
                 next
             });
-            Program::compile(&recording)
+            let over_state = (0..n as u32).map(|row| Place { array: 0, row }).collect();
+            Program::compile(&recording).map(|program| InPlace::new(program, over_state))
         };
-        let mut special: Vec<(Vec<f64>, Program)> = Vec::new();
+        let mut special: Vec<(Vec<f64>, InPlace)> = Vec::new();
         for row in rows.take_while(|_| !fixed.is_empty()) {
             let own = &row[fixed.clone()];
             if special.len() < MAX_PROGRAMS && special.iter().all(|(known, _)| known != own) {
@@ -55,16 +58,16 @@ impl ClockedStep {
 
     /// The program for whatever input.
     pub(super) fn general(&self) -> &Program {
-        &self.general
+        self.general.program()
     }
 
     /// A block of flights, all numbers zero, that is to be advanced about so many times.
     pub(super) fn block(&self, n_step: u64) -> Block {
         let n_program = self.special.len() + 1;
         Block {
-            arguments: vec![[0.0; BLOCK]; self.general.n_input()],
-            next: vec![[0.0; BLOCK]; self.general.n_output()],
-            workspaces: vec![None; n_program],
+            arguments: Columns::zeros(self.general().n_input()),
+            n_state: self.general().n_output(),
+            works: (0..n_program).map(|_| None).collect(),
             n_each: n_step.div_ceil(n_program as u64),
         }
     }
@@ -73,10 +76,10 @@ impl ClockedStep {
 /// Flights side by side.
 pub(super) struct Block {
     /// x, u, θ.
-    arguments: Vec<[f32; BLOCK]>,
-    next: Vec<[f32; BLOCK]>,
+    arguments: Columns,
+    n_state: usize,
     /// Of each program, once it has been run.
-    workspaces: Vec<Option<BlockWorkspace>>,
+    works: Vec<Option<InPlaceWork>>,
     /// How often each is about to be run.
     n_each: u64,
 }
@@ -100,17 +103,15 @@ impl Block {
 
     /// One step of the first `n_flight` flights, under the same first inputs.
     pub(super) fn advance(&mut self, step: &ClockedStep, n_flight: usize, clocked: &[f64]) {
-        let n = self.next.len();
         let own = &clocked[step.fixed.clone()];
         let at = step.special.iter().position(|(known, _)| known == own).unwrap_or(step.special.len());
         // a program that is made for them does not read them
         let known = if at < step.special.len() { step.fixed.clone() } else { 0..0 };
         for (k, value) in clocked.iter().enumerate().filter(|(k, _)| !known.contains(k)) {
-            self.arguments[n + k] = [*value as f32; BLOCK];
+            self.arguments[self.n_state + k] = [*value as f32; BLOCK];
         }
         let program = step.special.get(at).map_or(&step.general, |(_, program)| program);
-        let workspace = self.workspaces[at].get_or_insert_with(|| program.block_workspace_for(self.n_each));
-        program.evaluate_lanes(n_flight, workspace, &self.arguments, &mut self.next);
-        self.arguments[..n].copy_from_slice(&self.next);
+        let work = self.works[at].get_or_insert_with(|| program.work_for(self.n_each));
+        program.evaluate(n_flight, work, &mut self.arguments, &mut []);
     }
 }
