@@ -170,7 +170,8 @@ struct Block {
     n_flight: usize,
     now: clocked_step::Block,
     squares: [f64; BLOCK],
-    worst: Row,
+    /// Largest square.
+    worst: [f64; BLOCK],
     /// Least cosine of the tilt.
     upright: Row,
     /// World → body in a hover that leans.
@@ -242,7 +243,7 @@ impl Block {
             if counts {
                 self.squares[lane] += squared;
                 self.counted[lane] += 1;
-                self.worst[lane] = self.worst[lane].max(squared.sqrt() as f32);
+                self.worst[lane] = self.worst[lane].max(squared);
             }
         }
     }
@@ -251,7 +252,7 @@ impl Block {
         MonteCarloResult {
             flight: first + lane,
             rmse: (self.squares[lane] / self.counted[lane].max(1) as f64).sqrt(),
-            worst: f64::from(self.worst[lane]),
+            worst: f64::from(self.worst[lane].sqrt() as f32),
             tilt: f64::from(self.upright[lane].clamp(-1.0, 1.0)).acos(),
             lost_at: self.lost_at[lane],
         }

@@ -304,11 +304,14 @@ impl Flights<'_> {
                 block.advance(step, lanes.len(), row);
                 for lane in (0..lanes.len()).rev() {
                     let (flight, flown) = &mut lanes[lane];
-                    let watch = &mut fates[*flight - flights.start];
                     *flown += 1;
+                    if !flown.is_multiple_of(LOOK) && *flown < self.n_step {
+                        continue;
+                    }
+                    let watch = &mut fates[*flight - flights.start];
                     if flown.is_multiple_of(LOOK) {
                         let x = |i: usize| f64::from(block.number(self.root + i, lane));
-                        watch.look(*flown as f64 * self.dt, &x, &self.hover[self.root..]);
+                        watch.look(*flown as f64 * self.dt, x, &self.hover[self.root..]);
                     }
                     if watch.decided || *flown == self.n_step {
                         lanes.swap_remove(lane);
@@ -334,7 +337,7 @@ impl Flights<'_> {
                 system.advance(&x, Target::level(&self.here), &calm, &mut next)?;
                 std::mem::swap(&mut x, &mut next);
                 if (k + 1).is_multiple_of(LOOK) {
-                    watch.look((k + 1) as f64 * self.dt, &|i| x[self.root + i], &self.hover[self.root..]);
+                    watch.look((k + 1) as f64 * self.dt, |i| x[self.root + i], &self.hover[self.root..]);
                     if watch.decided {
                         break;
                     }
@@ -360,7 +363,7 @@ struct Watch {
 
 impl Watch {
     /// Looks at the thirteen numbers of the root.
-    fn look(&mut self, time: f64, x: &dyn Fn(usize) -> f64, hover: &[f64]) {
+    fn look(&mut self, time: f64, x: impl Fn(usize) -> f64, hover: &[f64]) {
         if self.decided {
             return;
         }
@@ -372,10 +375,10 @@ impl Watch {
         }
         self.sunk = self.sunk.max(hover[2] - x(2));
         // what pointed up in hover
-        let up = rotate_back([hover[6], hover[7], hover[8], hover[9]], [0.0, 0.0, 1.0]);
-        let level = rotate([x(6), x(7), x(8), x(9)], up)[2] > BACK.cos();
-        let still = norm(3, &[0.0; 3]) < BACK && norm(10, &[0.0; 3]) < 2.0 * BACK;
-        if away >= BACK || !level || !still {
+        let up = || rotate_back([hover[6], hover[7], hover[8], hover[9]], [0.0, 0.0, 1.0]);
+        let is_level = || rotate([x(6), x(7), x(8), x(9)], up())[2] > BACK.cos();
+        let is_still = || norm(3, &[0.0; 3]) < BACK && norm(10, &[0.0; 3]) < 2.0 * BACK;
+        if away >= BACK || !is_still() || !is_level() {
             self.since = None;
             return;
         }
