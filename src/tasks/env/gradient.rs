@@ -22,6 +22,7 @@ use super::mask::lanes_of;
 use super::sensing::{POSE, SLOPE, Sloped};
 use super::transition::{self, StepLayout};
 use crate::autodiff::lanes::{to_columns, to_rows};
+use crate::autodiff::native::{Executable, Layout, Place, Rows, Work};
 use crate::autodiff::program::{BLOCK, BlockWorkspace};
 use crate::autodiff::{Program, Recording};
 use crate::error::{Error, Result};
@@ -31,7 +32,7 @@ use crate::tasks::config::{ActionSpace, Autoreset};
 use nalgebra::{DMatrix, DMatrixView};
 use num_dual::Dual64;
 use std::ops::Range;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// One block before one step, with what happened in it.
 #[derive(Debug, Clone)]
@@ -159,12 +160,29 @@ pub struct Adjoint(Arc<Shared>);
 struct Shared {
     layout: StepLayout,
     program: Program,
+    /// The same that reads a step where its tape keeps it, made for the first sweep.
+    in_place: OnceLock<Executable<[f32; BLOCK]>>,
     readings: Option<Readings>,
     parameters: bool,
     seeds: Seeds,
     mode: Autoreset,
     threads: Threads,
     n_env: usize,
+}
+
+impl Shared {
+    fn in_place(&self) -> &Executable<[f32; BLOCK]> {
+        self.in_place.get_or_init(|| {
+            let (n_kept, program) = (self.layout.n_kept(), &self.program);
+            let is_taped = |row: usize| row < n_kept && !self.layout.statistics.contains(&row);
+            let argument = |row: usize| Place { array: u8::from(!is_taped(row)), row: row as u32 };
+            let result = |row: usize| Place { array: 2, row: row as u32 };
+            let arguments = (0..program.n_input()).map(argument).collect();
+            Layout::new(arguments, (0..program.n_output()).map(result).collect())
+                .and_then(|layout| Executable::new(program, layout))
+                .expect("every result has a row of its own")
+        })
+    }
 }
 
 /// From cotangents of what is observed to those of the readings that gradients follow.
@@ -248,7 +266,7 @@ struct BlockSweep {
     parameters: Columns,
     arguments: Columns,
     results: Columns,
-    workspace: BlockWorkspace,
+    work: Work<[f32; BLOCK]>,
     /// Cotangents of readings, and the memory to find them; without any where no gradient follows them.
     readings: Columns,
     reading_workspace: Option<BlockWorkspace>,
@@ -314,6 +332,7 @@ impl Env {
         };
         Ok(Adjoint(Arc::new(Shared {
             program: Program::compile(&recording.adjoint_of(seeded, 0..wanted))?,
+            in_place: OnceLock::new(),
             readings,
             parameters,
             seeds,
@@ -600,7 +619,7 @@ impl Adjoint {
             parameters: Columns::zeros(if self.0.parameters { p.parameters.len() } else { 0 }),
             arguments: Columns::zeros(program.n_input()),
             results: Columns::zeros(program.n_output()),
-            workspace: program.block_workspace(),
+            work: self.0.in_place().work(),
             readings: Columns::zeros(if self.0.readings.is_some() { p.readings.len() } else { 0 }),
             reading_workspace: self.0.readings.as_ref().map(|own| own.program.block_workspace()),
             dropped: 0,
@@ -837,7 +856,9 @@ impl BlockSweep {
     ) {
         let (p, n) = (&a.layout, (a.n_env - first).min(BLOCK));
         let (z, seeds) = self.arguments.split_at_mut(p.n_argument());
-        copy(&mut z[..p.n_kept()], &slot.arguments, n);
+        if a.readings.is_some() {
+            copy(&mut z[..p.n_kept()], &slot.arguments, n);
+        }
         z[p.statistics.clone()].iter_mut().zip(statistics).for_each(|(row, x)| *row = [*x as f32; BLOCK]);
         copy(&mut seeds[..p.n_carried()], &self.carried, n);
         spread(up.observation, first, &mut seeds[p.observation.clone()]);
@@ -860,7 +881,8 @@ impl BlockSweep {
         for lane in lanes_of(!live).take_while(|lane| *lane < n) {
             seeds.iter_mut().for_each(|row| row[lane] = 0.0);
         }
-        a.program.evaluate_lanes(n, &mut self.workspace, &self.arguments, &mut self.results);
+        let arrays = &mut [Rows::Read(&slot.arguments), Rows::Read(&self.arguments), Rows::Write(&mut self.results)];
+        assert!(a.in_place().run(&mut self.work, arrays, n).is_ok(), "rows of an adjoint");
         self.contain(live, n);
         for (row, result) in self.carried.iter_mut().zip(&self.results) {
             for (x, y) in row[..n].iter_mut().zip(result) {
