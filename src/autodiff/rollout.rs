@@ -105,9 +105,29 @@ pub struct Scratch {
     terminal: Workspace,
 }
 
+/// The step of a system as machine code, for flights that are judged and not differentiated.
+#[derive(Debug)]
+pub(crate) struct StepCode {
+    codes: Arc<Codes>,
+    sizes: [usize; 3],
+}
+
+impl StepCode {
+    pub(crate) fn of<F: System, C: Objective>(system: &F, objective: &C) -> Self {
+        let (forward, backward) = (OnDemand::default(), OnDemand::default());
+        let codes = Arc::new(Codes { step: record_step(system, objective), forward, backward });
+        Self { codes, sizes: [system.n_state(), system.n_input(), system.n_parameter()] }
+    }
+
+    /// Where so many steps, with those that were asked for before, are worth it.
+    pub(crate) fn for_steps(&self, n_step: u64) -> Option<Forward> {
+        self.codes.forward(self.sizes, n_step)
+    }
+}
+
 /// Machine code of a step, with its slots.
 #[derive(Debug, Clone)]
-struct Forward {
+pub(crate) struct Forward {
     code: Code,
     slots: Lines,
     of: Arc<Codes>,
@@ -116,12 +136,30 @@ struct Forward {
 impl Forward {
     /// x⁺ behind x in `states`; returns c.
     #[inline]
-    fn step(&mut self, states: &mut [f64], u: &[f64], theta: &[f64]) -> f64 {
+    pub(crate) fn step(&mut self, states: &mut [f64], u: &[f64], theta: &[f64]) -> f64 {
         let mut cost = [0.0];
         let arrays = &mut [Rows::Write(states), Rows::Read(u), Rows::Read(theta), Rows::Write(&mut cost)];
         assert!(self.code.run(&mut self.slots, arrays, 1), "lengths of a step");
         cost[0]
     }
+}
+
+/// The first of two states becomes what follows it, by code of the step where there is some.
+pub(crate) fn advance<F: System>(
+    system: &F,
+    code: &mut Option<Forward>,
+    states: &mut [f64],
+    input: &[f64],
+    theta: &[f64],
+) {
+    let n = system.n_state();
+    if let Some(code) = code {
+        code.step(states, input, theta);
+    } else {
+        let (x, next) = states.split_at_mut(n);
+        system.step(x, input, theta, next);
+    }
+    states.copy_within(n.., 0);
 }
 
 #[derive(Debug, Clone)]

@@ -2,8 +2,9 @@
 
 use super::margin_gate::truth;
 use super::plan::TunePlan;
-use super::tuned_loop::{HELD_OUT, VehicleLoop, inputs, plant_of, starts};
+use super::tuned_loop::{HELD_OUT, MeanSquaredError, VehicleLoop, inputs, plant_of, starts};
 use crate::autodiff::System;
+use crate::autodiff::rollout::{Forward, StepCode, advance};
 use crate::controllers::cascade_law::CascadeLaw;
 use crate::controllers::closed_loop::ClosedLoop;
 use crate::controllers::controller::Target;
@@ -123,32 +124,60 @@ pub(super) fn evaluate_along(vehicle: &Vehicle, gains: &Gains, plan: &TunePlan, 
     let reference = plan.all_references().nth(of).unwrap_or(&plan.reference);
     let inputs = inputs(&believed, reference, plan.n_step()?);
     let starts = starts(&believed, plan, reference, (HELD_OUT, of), plan.n_held_out)?;
+    let code = StepCode::of(&believed, &MeanSquaredError::over(1));
     let flown = Threads::default().map(starts.len(), |i| -> Result<Option<f64>> {
         // as in lanes, where flights differ in their start alone
         let start: Vec<f64> = starts[i].iter().map(|v| f64::from(*v as f32)).collect();
         if plan.plant_spread == 0.0 {
-            return Ok(flight_rmse(&believed, &start, &inputs));
+            let n_step = (inputs.len() / believed.n_input()) as u64;
+            return Ok(flight_rmse(&believed, code.for_steps(n_step), &start, &inputs));
         }
-        Ok(flight_rmse(&loop_of(&truth(vehicle, &plant_of(plan, HELD_OUT, of, i)))?, &start, &inputs))
+        let truth = loop_of(&truth(vehicle, &plant_of(plan, HELD_OUT, of, i)))?;
+        Ok(flight_rmse(&truth, None, &start, &inputs))
     });
     Ok(Evaluation::of(&flown.into_iter().collect::<Result<Vec<_>>>()?))
 }
 
-/// RMSE of one flight; `None` if it crashed.
-fn flight_rmse(system: &VehicleLoop, start: &[f64], inputs: &[f64]) -> Option<f64> {
-    let mut x = start.to_vec();
-    let mut next = x.clone();
-    let mut sum = 0.0;
+/// RMSE of one flight, by code of its step where there is some; `None` if it crashed.
+fn flight_rmse(system: &VehicleLoop, mut code: Option<Forward>, start: &[f64], inputs: &[f64]) -> Option<f64> {
+    // a state and the one behind it, in turns
+    let (mut states, mut sum) = ([start, start].concat(), 0.0);
     let steps = inputs.chunks_exact(system.n_input());
-    let n = steps.len() as f64;
+    let n_step = steps.len() as f64;
     for u in steps {
-        let squared: f64 = (0..3).map(|i| (x[i] - u[i]).powi(2)).sum();
+        let squared: f64 = (0..3).map(|i| (states[i] - u[i]).powi(2)).sum();
         if squared.is_nan() || squared >= CRASH_DISTANCE * CRASH_DISTANCE {
             return None;
         }
         sum += squared;
-        system.step(&x, u, &[], &mut next);
-        std::mem::swap(&mut x, &mut next);
+        advance(system, &mut code, &mut states, u, &[]);
     }
-    Some((sum / n).sqrt())
+    Some((sum / n_step).sqrt())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::autodiff::native::availability;
+    use crate::dynamics::vehicles;
+
+    #[test]
+    fn a_flight_has_the_same_error_to_the_bit_by_code_of_its_step() {
+        for name in ["hummingbird", "firefly"] {
+            let vehicle = vehicles::by_name(name).unwrap();
+            let plan = TunePlan { n_held_out: 3, duration: 1.0, ..TunePlan::default() };
+            let law = CascadeLaw::new(&vehicle, &plan.physics, &vehicle.gains(), &plan.rates).unwrap();
+            let plant = Plant::of_vehicle(&vehicle, plan.physics).unwrap();
+            let system = ClosedLoop::new(plant, law.running()).unwrap().with_latency(2).unwrap();
+            let inputs = inputs(&system, &plan.reference, plan.n_step().unwrap());
+            let code = StepCode::of(&system, &MeanSquaredError::over(1)).for_steps(u64::MAX);
+            assert_eq!(code.is_some(), availability().is_ok());
+            for start in starts(&system, &plan, &plan.reference, (HELD_OUT, 0), plan.n_held_out).unwrap() {
+                let [by_code, alone] = [code.clone(), None].map(|code| flight_rmse(&system, code, &start, &inputs));
+                assert!(alone.is_some() && by_code.map(f64::to_bits) == alone.map(f64::to_bits), "{name}: {alone:?}");
+                let lost: Vec<f64> = start.iter().enumerate().map(|(k, x)| if k == 0 { x + 1e3 } else { *x }).collect();
+                assert_eq!(flight_rmse(&system, code.clone(), &lost, &inputs), None);
+            }
+        }
+    }
 }
