@@ -137,10 +137,14 @@ impl Watched {
 
     /// Takes the commands of a step into the powers; as many follow as are known before.
     fn filter(&mut self, step: usize, taps: &[f64; REACH + 1]) {
-        for i in 0..self.first.len() {
-            let at = |step: usize| f64::from(self.row(step)[i] - self.first[i]);
-            let sides = (1..=REACH).step_by(2).map(|k| taps[k] * (at(step - k) + at(step + k)));
-            let (c, y) = (at(step), taps[0] * at(step) + sides.sum::<f64>());
+        // behind the last row stands the first, so that a tap finds its rows without a division
+        let (n, oldest, middle) = (self.first.len(), (step + REACH + 1) % TAPS, step % TAPS);
+        let place = |k: usize| if k < TAPS { k } else { k - TAPS };
+        for i in 0..n {
+            let at = |row: usize| f64::from(self.rows[row * n + i] - self.first[i]);
+            let side = |k: usize| taps[k] * (at(place(oldest + REACH - k)) + at(place(oldest + REACH + k)));
+            let sides = (1..=REACH).step_by(2).map(side);
+            let (c, y) = (at(middle), taps[0] * at(middle) + sides.sum::<f64>());
             self.fast += y * y;
             self.sums[i][0] += c;
             self.sums[i][1] += c * c;
