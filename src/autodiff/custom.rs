@@ -127,13 +127,28 @@ impl<'a> Points<'a> {
         &self.arguments[k * self.width..][..self.n]
     }
 
+    /// Result `k` of every point.
+    pub(crate) fn result_mut(&mut self, k: usize) -> &mut [f32] {
+        &mut self.results[k * self.width..][..self.n]
+    }
+
     /// Calls `f` with arguments and results of one point after the other, `n_argument` numbers of a point.
-    pub fn each(&mut self, n_argument: usize, mut f: impl FnMut(&[f64], &mut [f64])) {
-        let Self { width, n, arguments, results } = self;
+    pub fn each(&mut self, n_argument: usize, f: impl FnMut(&[f64], &mut [f64])) {
+        self.each_of(0..self.n, n_argument, f);
+    }
+
+    /// Likewise of these points.
+    pub(crate) fn each_of(
+        &mut self,
+        points: impl IntoIterator<Item = usize>,
+        n_argument: usize,
+        mut f: impl FnMut(&[f64], &mut [f64]),
+    ) {
+        let Self { width, arguments, results, .. } = self;
         let (width, n_result) = (*width, results.len() / *width);
         let mut scratch = Scratch::<f64, 256>::new();
         let (x, y) = scratch.of(n_argument + n_result).split_at_mut(n_argument);
-        for point in 0..*n {
+        for point in points {
             for k in 0..n_argument {
                 x[k] = f64::from(arguments[k * width + point]);
             }

@@ -359,6 +359,11 @@ impl Allocator {
         margin
     }
 
+    /// The problem with what its fast paths prepared, and the largest residual; `None` without them.
+    pub(super) fn fast_paths(&self) -> Option<(&Problem, &Fast, f64)> {
+        Some((&self.problem, self.fast.as_deref()?, self.settings.tolerance))
+    }
+
     fn unusable(&self, wrench: &[f64; WRENCH]) -> Option<Reason> {
         let ordered = |(lo, hi): (&f64, &f64)| lo <= hi && *lo < f64::INFINITY && *hi > f64::NEG_INFINITY;
         if !self.problem.lower.iter().zip(&self.problem.upper).all(ordered) {

@@ -9,17 +9,17 @@ use super::variation::Variation;
 /// Most inputs of the fast path.
 pub(crate) const MAX_FAST: usize = 24;
 /// Most steps of the active set; the most seen over 10⁵ random problems is 20.
-const MAX_STEPS: u32 = 100;
+pub(super) const MAX_STEPS: u32 = 100;
 
 /// What the fast path prepares: H and the closed form in units of inputs and gradients.
 pub(super) struct Fast {
-    program: BoxProgram<f64, MAX_FAST>,
+    pub(super) program: BoxProgram<f64, MAX_FAST>,
     /// BᵀW by rows of inputs, and ρ u_pref.
-    pull: Vec<[f64; WRENCH]>,
-    offset: Vec<f64>,
+    pub(super) pull: Vec<[f64; WRENCH]>,
+    pub(super) offset: Vec<f64>,
     /// u = K w + k where no bound acts.
-    gain: Vec<[f64; WRENCH]>,
-    rest: Vec<f64>,
+    pub(super) gain: Vec<[f64; WRENCH]>,
+    pub(super) rest: Vec<f64>,
     /// Of H whole: where no bound acts.
     whole: Factor<f64, MAX_FAST>,
     /// Of the active set of the last answer.
@@ -28,7 +28,7 @@ pub(super) struct Fast {
     /// Whether `iterate` is an answer to start from.
     pub(super) warm: bool,
     /// Of H, and of inputs.
-    cost: f64,
+    pub(super) cost: f64,
     unit: f64,
 }
 

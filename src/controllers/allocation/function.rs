@@ -1,12 +1,17 @@
 //! An allocation as a differentiable function: for rollouts, duals and programs.
 
 use super::allocator::{Allocator, Settings};
+use super::fast::MAX_FAST;
 use super::problem::{Problem, WRENCH};
+use super::side_by_side::{Eight, SideBySide};
 use super::variation::Variation;
+use crate::autodiff::columns::LINE;
 use crate::autodiff::custom::reverse_at;
+use crate::autodiff::native::policy::{Instead, OnDemand};
 use crate::autodiff::{CustomFunction, Operation, Points, Scalar};
 use crate::error::{Error, Result};
-use std::sync::{Mutex, PoisonError};
+use std::ops::Range;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// u*(x), where x are all numbers of a [`Problem`] with its wrench, in the order of [`Variation::numbers`]: wrench 6,
 /// weights 6, ρ, geometry by columns, u_pref, lower, upper, then cone by cone, row by row, constant and coefficients.
@@ -14,7 +19,8 @@ use std::sync::{Mutex, PoisonError};
 /// The derivative is that of [`Allocator::forward`] and [`Allocator::reverse`]. An answer that cannot be certified is NaN, and so is one whose cones have
 /// moved until the template's anchor is outside: choose the anchor with room. Every evaluation starts cold, so
 /// that equal arguments have equal answers. After warm-up an evaluation allocates nothing,
-/// unless it is left to clarabel: cones, or more inputs than the active set takes.
+/// unless it is left to clarabel: cones, or more inputs than the active set takes. Over blocks of environments that share all numbers but
+/// the wrench, eight answers are found side by side by machine code, which is made when enough were asked for; their bits are the same.
 ///
 /// ```
 /// use omnidrones::autodiff::Scalar;
@@ -46,6 +52,7 @@ struct Inner {
     n_number: usize,
     /// As many as have evaluated at once.
     idle: Mutex<Vec<Work>>,
+    side_by_side: OnDemand<Arc<SideBySide>>,
 }
 
 /// What an evaluation needs.
@@ -61,6 +68,9 @@ struct Work {
     change: Variation,
     /// Those of the first point of a block.
     numbers: Vec<f64>,
+    eight: Option<Eight>,
+    /// Whether those have the numbers of the last time.
+    eight_ready: bool,
 }
 
 impl AllocationFunction {
@@ -75,7 +85,15 @@ impl AllocationFunction {
         if n_number > u16::MAX as usize {
             return Err(Error::limit("allocation: numbers", n_number, u16::MAX, format!("{n} inputs are too many.")));
         }
-        Ok(Self { operation: Operation::new(Inner { template, n_number, idle: Mutex::default() }), n_number })
+        Ok(Self {
+            operation: Operation::new(Inner {
+                template,
+                n_number,
+                idle: Mutex::default(),
+                side_by_side: OnDemand::default(),
+            }),
+            n_number,
+        })
     }
 
     /// Length of x.
@@ -142,7 +160,16 @@ impl Work {
     fn new(template: &Problem) -> Result<Self> {
         let allocator = Allocator::with_settings(template.clone(), Settings { warm: false, ..Settings::default() })?;
         let zero = Variation::zero(template);
-        Ok(Self { allocator, at: zero.clone(), ready: false, solved: false, change: zero, numbers: Vec::new() })
+        Ok(Self {
+            allocator,
+            at: zero.clone(),
+            ready: false,
+            solved: false,
+            change: zero,
+            numbers: Vec::new(),
+            eight: None,
+            eight_ready: false,
+        })
     }
 
     /// Whether the numbers make a problem whose answer is certified; the allocator then holds it. Numbers that are those of the
@@ -158,10 +185,25 @@ impl Work {
         if has_problem {
             self.allocator.forget();
         } else {
-            self.ready = self.allocator.restart(|problem| give(&self.at, problem)).is_ok();
+            self.restart();
         }
         self.solved = self.ready && self.allocator.solve(&self.at.wrench).residual.is_finite();
         self.solved
+    }
+
+    /// Gives the allocator the problem of the numbers behind the wrench, if they make one.
+    fn prepare(&mut self, x: &[f64]) {
+        let known = |(a, b): (&f64, &f64)| a.to_bits() == b.to_bits();
+        if !(self.ready && self.at.numbers().zip(x).skip(WRENCH).all(known)) {
+            self.at.numbers_mut().zip(x).for_each(|(to, x)| *to = *x);
+            self.restart();
+            self.solved = false;
+        }
+    }
+
+    fn restart(&mut self) {
+        self.ready = self.allocator.restart(|problem| give(&self.at, problem)).is_ok();
+        self.eight_ready = false;
     }
 
     /// The answer, NaN where there is none.
@@ -178,6 +220,30 @@ impl Work {
             self.solved = self.allocator.solve(&self.at.wrench).residual.is_finite();
         }
         self.write(y);
+    }
+
+    /// What points of the problem of the last time ask for: eight side by side, and one by one what is not certified then.
+    fn of_points(
+        &mut self,
+        points: &mut Points<'_>,
+        side_by_side: Option<&Arc<SideBySide>>,
+        eight_at_once: impl Fn(&mut Eight, &mut Points<'_>, Range<usize>) -> u32,
+        one: impl Fn(&mut Self, &mut Points<'_>, usize),
+    ) {
+        let mut eight = self.eight.take().or_else(|| side_by_side.map(Eight::of));
+        for first in (0..points.len()).step_by(LINE) {
+            let own = first..points.len().min(first + LINE);
+            let mut certified = 0_u32;
+            let prepared = self.allocator.fast_paths().filter(|_| self.ready);
+            if let Some((eight, (problem, fast, tolerance))) = eight.as_mut().zip(prepared) {
+                if !std::mem::replace(&mut self.eight_ready, true) {
+                    eight.set_problem(problem, fast, tolerance);
+                }
+                certified = eight_at_once(eight, points, own.clone());
+            }
+            own.filter(|point| certified >> (point - first) & 1 == 0).for_each(|point| one(self, points, point));
+        }
+        self.eight = eight;
     }
 
     fn write(&self, y: &mut [f64]) {
@@ -210,6 +276,32 @@ impl Inner {
     }
 }
 
+impl Inner {
+    /// Whether all points ask for one problem, which the allocator then holds: it is looked at once.
+    fn prepare(&self, work: &mut Work, points: &Points<'_>) -> bool {
+        let is_same = |row: &[f32]| row.iter().all(|x| x.to_bits() == row[0].to_bits());
+        if points.is_empty() || !(WRENCH..self.n_number).all(|k| is_same(points.argument(k))) {
+            return false;
+        }
+        let mut first = std::mem::take(&mut work.numbers);
+        first.clear();
+        first.extend((0..self.n_number).map(|k| f64::from(points.argument(k)[0])));
+        work.prepare(&first);
+        work.numbers = first;
+        true
+    }
+
+    /// What answers eight at once, where it pays for so many more points.
+    fn side_by_side(&self, n_point: usize) -> Option<Arc<SideBySide>> {
+        let n = self.template.n_input();
+        if !self.template.cones.is_empty() || n > MAX_FAST {
+            return None;
+        }
+        let n_instruction = SideBySide::n_instruction(n);
+        self.side_by_side.ask(Instead::Compiled, n_instruction, n_point as u64, || SideBySide::new(n))
+    }
+}
+
 impl CustomFunction for Inner {
     fn n_input(&self) -> usize {
         self.n_number
@@ -236,21 +328,16 @@ impl CustomFunction for Inner {
             x_bar.fill(f64::NAN);
         }
     }
-    /// Where all points ask for one problem, it is looked at once.
     fn value_block(&self, points: &mut Points<'_>) {
         let n = self.n_number;
-        let is_same = |row: &[f32]| row.iter().all(|x| x.to_bits() == row[0].to_bits());
-        let is_one_problem = (WRENCH..n).all(|k| is_same(points.argument(k)));
         let run = |work: &mut Work| {
-            if !is_one_problem || points.is_empty() {
+            if !self.prepare(work, points) {
                 return points.each(n, |x, y| work.value(x, y));
             }
-            let mut first = std::mem::take(&mut work.numbers);
-            first.clear();
-            first.extend((0..n).map(|k| f64::from(points.argument(k)[0])));
-            work.solve(&first);
-            work.numbers = first;
-            points.each(WRENCH, |wrench, y| work.value_of_wrench(wrench, y));
+            let one = |work: &mut Work, points: &mut Points<'_>, point| {
+                points.each_of([point], WRENCH, |wrench, y| work.value_of_wrench(wrench, y));
+            };
+            work.of_points(points, self.side_by_side(points.len()).as_ref(), Eight::answer, one);
         };
         if self.with(run).is_none() {
             points.each(n, |_, y| y.fill(f64::NAN));
@@ -260,7 +347,16 @@ impl CustomFunction for Inner {
         let n = self.n_number;
         let all = n + self.n_output();
         let run = |work: &mut Work| {
-            points.each(all, |z, x_bar| reverse_at(z, n, x_bar, |x, y_bar, x_bar| work.reverse(x, y_bar, x_bar)));
+            let one = |work: &mut Work, points: &mut Points<'_>, point| {
+                points.each_of([point], all, |z, x_bar| {
+                    reverse_at(z, n, x_bar, |x, y_bar, x_bar| work.reverse(x, y_bar, x_bar));
+                });
+            };
+            if self.prepare(work, points) {
+                work.of_points(points, self.side_by_side(points.len()).as_ref(), Eight::reverse, one);
+            } else {
+                (0..points.len()).for_each(|point| one(work, points, point));
+            }
         };
         if self.with(run).is_none() {
             points.each(all, |_, x_bar| x_bar.fill(f64::NAN));

@@ -7,6 +7,7 @@
 //! | [`problem`] | the bounded problem: quadratic cost, bounds, cones |
 //! | `allocator` | its solvers behind one interface, with certificate, fallback and counts |
 //! | `fast` | its fast paths and their gradient |
+//! | `side_by_side` | the same for eight wrenches at once, as machine code |
 //! | [`active_set`] | bounds: exact and fast, branch-free |
 //! | [`conic`] | cones: clarabel |
 //! | [`function`] | an answer with its derivative, called by kernels of any scalar |
@@ -34,6 +35,7 @@ pub mod prioritised;
 pub mod problem;
 pub mod pseudo_inverse;
 pub mod residual;
+mod side_by_side;
 pub(crate) mod spin;
 pub(crate) mod variation;
 

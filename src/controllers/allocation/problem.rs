@@ -19,7 +19,7 @@ pub const WRENCH: usize = 6;
 /// Most inputs of one problem.
 pub(crate) const MAX_INPUTS: usize = 48;
 /// Bounds farther out than this many times what is asked for do not count as the size of the inputs.
-const LOOSE: f64 = 100.0;
+pub(super) const LOOSE: f64 = 100.0;
 /// Most sweeps for the singular values of one problem: some two are needed for each.
 pub(super) const SWEEPS: usize = 10_000;
 /// ρ of [`Problem::of_vehicle`] over the largest diagonal entry of BᵀWB: bias of the delivered wrench 1e-6 along a
@@ -371,8 +371,16 @@ impl Problem {
 
     /// [`scales`](Self::scales) from the largest diagonal entry of H and of BᵀWw.
     pub(super) fn scales_of(&self, steepest: f64, pull: f64) -> Scales {
-        let mut asked = if steepest > 0.0 { pull / steepest } else { 0.0 };
-        let (mut allowed, mut tightest) = (0.0_f64, f64::INFINITY);
+        let limits = self.limits();
+        let asked = if steepest > 0.0 { pull / steepest } else { 0.0 }.max(limits.asked);
+        let asked = LOOSE * if asked > 0.0 { asked } else { limits.tightest };
+        let input = limits.allowed.min(asked).max(1e-12);
+        Scales { input, gradient: (steepest * input).max(pull) }
+    }
+
+    /// What scales depend on beside the wrench.
+    pub(super) fn limits(&self) -> Limits {
+        let (mut asked, mut allowed, mut tightest) = (0.0_f64, 0.0_f64, f64::INFINITY);
         for i in 0..self.n_input() {
             let (lower, upper) = (self.lower[i], self.upper[i]);
             // the input nearest to rest
@@ -386,10 +394,11 @@ impl Problem {
         for row in self.cones.iter().flat_map(Cone::rows) {
             allowed = allowed.max(row.constant.abs());
         }
-        // where nothing is asked for, the tightest bound is the size of what could be
-        let asked = LOOSE * if asked > 0.0 || tightest.is_infinite() { asked } else { tightest };
-        let input = if allowed > 0.0 { allowed.min(asked) } else { asked }.max(1e-12);
-        Scales { input, gradient: (steepest * input).max(pull) }
+        Limits {
+            asked,
+            tightest: if tightest.is_infinite() { 0.0 } else { tightest },
+            allowed: if allowed > 0.0 { allowed } else { f64::INFINITY },
+        }
     }
 
     /// Largest violation of any bound or cone, in the unit of the inputs; 0 where all hold exactly.
@@ -486,6 +495,17 @@ pub struct Scales {
     pub input: f64,
     /// 1/N.
     pub gradient: f64,
+}
+
+/// What [`Scales`] depend on beside the wrench.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Limits {
+    /// The largest input that the preference and the bounds ask for.
+    pub asked: f64,
+    /// The least bound: where nothing is asked for, the size of what could be; 0 without one.
+    pub tightest: f64,
+    /// The largest bound or constant of a cone; infinite without one.
+    pub allowed: f64,
 }
 
 const SIZE: &str = "Build it with Problem::boxed or Problem::of_vehicle.";
