@@ -23,6 +23,7 @@ use super::sensing::{POSE, SLOPE, Sloped};
 use super::transition::{self, StepLayout};
 use crate::autodiff::lanes::{to_columns, to_rows};
 use crate::autodiff::native::{Executable, Layout, Place, Rows, Work};
+use crate::autodiff::once::made_once;
 use crate::autodiff::program::{BLOCK, BlockWorkspace};
 use crate::autodiff::{Program, Recording};
 use crate::error::{Error, Result};
@@ -172,7 +173,7 @@ struct Shared {
 
 impl Shared {
     fn in_place(&self) -> &Executable<[f32; BLOCK]> {
-        self.in_place.get_or_init(|| {
+        made_once(&self.in_place, || {
             let (n_kept, program) = (self.layout.n_kept(), &self.program);
             let is_taped = |row: usize| row < n_kept && !self.layout.statistics.contains(&row);
             let argument = |row: usize| Place { array: u8::from(!is_taped(row)), row: row as u32 };
