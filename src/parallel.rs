@@ -4,6 +4,7 @@
 //! are bit-identical for any pool.
 
 use crate::error::{Error, Result};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, OnceLock};
 
 /// Most threads of a pool.
@@ -84,7 +85,20 @@ impl Threads {
 fn default_size() -> usize {
     let told = std::env::var("RAYON_NUM_THREADS").ok().and_then(|text| text.parse().ok());
     let told = told.filter(|n| (1..=MOST).contains(n));
-    told.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, |n| n.get().min(MOST)))
+    told.unwrap_or_else(cores)
+}
+
+/// Cores of this process. The system reads files to tell, so that it is asked once.
+fn cores() -> usize {
+    static KNOWN: AtomicUsize = AtomicUsize::new(0);
+    match KNOWN.load(Ordering::Relaxed) {
+        0 => {
+            let told = std::thread::available_parallelism().map_or(1, |n| n.get().min(MOST));
+            KNOWN.store(told, Ordering::Relaxed);
+            told
+        }
+        known => known,
+    }
 }
 
 /// One pool per process that works with it, each made at its first work and kept for the next.
