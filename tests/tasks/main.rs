@@ -8,6 +8,7 @@ mod gradients;
 mod groups;
 mod intervals;
 mod one_drone;
+mod own;
 mod pinball;
 mod probes;
 mod race;
