@@ -20,13 +20,14 @@ fn first_values_are_the_golden_ones_on_every_machine() {
     let mut s = Stream::new(1, 2, 3, Purpose::WIND);
     assert_eq!([s.next_u64(), s.next_u64()], [GOLDEN[0], GOLDEN[1]]);
     assert_eq!(s.uniform(-1.0, 1.0).to_bits(), GOLDEN[2], "{:e}", Stream::restore(s.key(), 4).uniform(-1.0, 1.0));
-    let normal = s.normal();
-    assert!((normal - GOLDEN_NORMAL).abs() < 1e-14, "{normal:e}");
-    assert_eq!(s.position(), 10);
+    assert_eq!(GOLDEN_NORMALS.map(|_| s.normal()), GOLDEN_NORMALS);
+    assert_eq!(s.position(), 26);
 }
 // minted with rand_chacha 0.10.0: change them only with a reason in the changelog, every recorded run changes too
 const GOLDEN: [u64; 3] = [10524200955395800979, 7007766858581985048, 13825787457730348736];
-const GOLDEN_NORMAL: f64 = 1.061868017550087;
+// of polynomials in IEEE operations: the library's numbers are off by 2e-16, and differ between systems
+const GOLDEN_NORMALS: [f64; 5] =
+    [1.0618680175500872, -0.8336077875516149, -0.9811086579828773, 0.9133273486595249, -0.36181577348577526];
 
 #[test]
 fn an_all_zero_key_gives_the_published_chacha8_key_stream() {

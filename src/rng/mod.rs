@@ -8,9 +8,14 @@
 //! numbers, streams with different keys need no spacing or hashing to be independent, and its whole state is a key and
 //! a position, which can be saved and jumped to at no cost. Eight rounds are the fewest without a known distinguisher.
 //!
-//! Integers and [`uniform`](Stream::uniform) are the same bits on every machine. [`normal`](Stream::normal) calls the
-//! platform's `ln` and `sin_cos`, so its last bit may differ between operating systems, never between runs on one.
+//! All draws are the same bits on every system and processor: integers and [`uniform`](Stream::uniform) by nature, and
+//! [`normal`](Stream::normal) because its logarithm and cosine are polynomials in operations that IEEE 754 rounds alike everywhere.
 
+mod normal;
+mod numbers;
+
+use normal::normal;
+use numbers::{below, unit};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use serde::{Deserialize, Serialize};
@@ -103,7 +108,7 @@ impl Stream {
 
     /// Uniform in [0, 1): the upper 53 bits of one draw.
     pub fn unit(&mut self) -> f64 {
-        (self.next_u64() >> 11) as f64 * (1.0 / (1u64 << 53) as f64)
+        unit(self.next_u64())
     }
 
     /// Uniform in [`lo`, `hi`]; `hi` itself only by rounding.
@@ -113,17 +118,16 @@ impl Stream {
 
     /// Uniform in 0..`n` for n ≥ 1 (0 for n = 0), by the high half of a 128-bit product; bias below n/2⁶⁴.
     pub fn below(&mut self, n: u64) -> u64 {
-        ((u128::from(self.next_u64()) * u128::from(n)) >> 64) as u64
+        below(self.next_u64(), n)
     }
 
-    /// Standard normal N(0, 1) by Box–Muller, √(−2 ln u₁) cos 2πu₂.
+    /// Standard normal N(0, 1) by Box–Muller, √(−2 ln(1 − u₁)) cos 2πu₂.
     ///
     /// Always two draws and the sine partner is dropped: the position stays a function of how many numbers were drawn,
     /// and there is no cached half to save. |result| ≤ 8.6.
     pub fn normal(&mut self) -> f64 {
-        // 1 − u lies in (0, 1], so the logarithm is finite
-        let radius = (-2.0 * (1.0 - self.unit()).ln()).sqrt();
-        radius * (std::f64::consts::TAU * self.unit()).cos()
+        let (a, b) = (self.next_u64(), self.next_u64());
+        normal(a, b)
     }
 }
 
