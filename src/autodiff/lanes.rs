@@ -60,6 +60,17 @@ pub(crate) trait Lanes: Scalar {
     fn two_products(a: Self::Wide, b: Self::Wide, sign: u64, c: Self::Wide, d: Self::Wide) -> Self::Wide;
     /// c where a < b, else d.
     fn select_less(a: Self::Wide, b: Self::Wide, c: Self::Wide, d: Self::Wide) -> Self::Wide;
+
+    /// A register of [`WIDTH`](Self::WIDTH) whole numbers of 32 bits.
+    type Whole: Copy;
+    /// The first of `source`.
+    fn whole(source: &[u32]) -> Self::Whole;
+    /// Writes them over the first of `target`.
+    fn store_whole(x: Self::Whole, target: &mut [u32]);
+    /// a + b modulo 2³².
+    fn wrapping_add(a: Self::Whole, b: Self::Whole) -> Self::Whole;
+    /// Exclusive or, then turned to the left by 1 to 31 bits.
+    fn xor_rotated(a: Self::Whole, b: Self::Whole, by: u32) -> Self::Whole;
 }
 
 /// A function over lanes. Mark [`run`](Self::run) and all that it calls `#[inline(always)]`.
@@ -351,6 +362,32 @@ impl<S: Simd> Lanes for Register<S> {
         // as in `Scalar::select`: pulp's own of floats is not always inlined
         let chosen = t.select_u64s(t.less_than_f64s(a, b), t.transmute_u64s_f64s(c), t.transmute_u64s_f64s(d));
         t.transmute_f64s_u64s(chosen)
+    }
+
+    type Whole = S::u32s;
+
+    #[inline(always)]
+    fn whole(source: &[u32]) -> Self::Whole {
+        S::as_simd_u32s(source).0[0]
+    }
+
+    #[inline(always)]
+    fn store_whole(x: Self::Whole, target: &mut [u32]) {
+        S::as_mut_simd_u32s(target).0[0] = x;
+    }
+
+    #[inline(always)]
+    fn wrapping_add(a: Self::Whole, b: Self::Whole) -> Self::Whole {
+        token::<S>().add_u32s(a, b)
+    }
+
+    #[inline(always)]
+    fn xor_rotated(a: Self::Whole, b: Self::Whole, by: u32) -> Self::Whole {
+        let t = token::<S>();
+        let x = t.xor_u32s(a, b);
+        // one instruction where there is one
+        let left = t.wrapping_dyn_shl_u32s(x, t.splat_u32s(by));
+        t.or_u32s(left, t.wrapping_dyn_shr_u32s(x, t.splat_u32s(32 - by)))
     }
 }
 

@@ -11,11 +11,19 @@
 //! All draws are the same bits on every system and processor: integers and [`uniform`](Stream::uniform) by nature, and
 //! [`normal`](Stream::normal) because its logarithm and cosine are polynomials in operations that IEEE 754 rounds alike everywhere.
 
+mod chacha;
 mod normal;
 mod numbers;
+#[allow(dead_code, reason = "for starts of episodes")]
+mod words;
 
-use normal::normal;
-use numbers::{below, unit};
+pub(crate) use normal::normal;
+#[allow(unused_imports, reason = "for starts of episodes")]
+pub(crate) use numbers::to_f32_below_one;
+pub(crate) use numbers::{below, unit};
+#[allow(unused_imports, reason = "for starts of episodes")]
+pub(crate) use words::{Words, blocks};
+
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use serde::{Deserialize, Serialize};

@@ -1,0 +1,211 @@
+//! ChaCha8 (Bernstein 2008) for many keys at once: sixteen blocks abreast, one in each lane.
+//!
+//! A block is sixteen words, a function of a key and its number alone. Lanes differ in both, so environments that draw together
+//! have their blocks computed together, whatever episode and step each is in. The words are those of [`Stream`](super::Stream) to
+//! the bit. One block alone takes its four rows as vectors instead, which every processor has.
+
+use crate::autodiff::lanes::{Kernel, Lanes, dispatch};
+
+/// Words of a block.
+pub(crate) const BLOCK_WORDS: usize = 16;
+/// Blocks that are computed together.
+pub(crate) const ABREAST: usize = 16;
+
+/// "expand 32-byte k".
+const CONSTANTS: [u32; 4] = [0x6170_7865, 0x3320_646E, 0x7962_2D32, 0x6B20_6574];
+const DOUBLE_ROUNDS: usize = 4;
+
+/// Sixteen blocks side by side: a key and a number for each lane.
+#[derive(Debug, Clone)]
+pub(crate) struct Abreast {
+    /// What the rounds begin with, word by word.
+    states: [[u32; ABREAST]; BLOCK_WORDS],
+}
+
+impl Abreast {
+    /// With keys and numbers of zero.
+    pub fn new() -> Self {
+        let mut states = [[0; ABREAST]; BLOCK_WORDS];
+        states.iter_mut().zip(CONSTANTS).for_each(|(row, constant)| *row = [constant; ABREAST]);
+        Self { states }
+    }
+
+    /// Gives a lane its key and the number of its block.
+    pub fn set(&mut self, lane: usize, key: [u64; 4], block: u64) {
+        let state = state(key, block);
+        for i in CONSTANTS.len()..BLOCK_WORDS {
+            self.states[i][lane] = state[i];
+        }
+    }
+
+    /// Goes on to the next block in every lane.
+    pub fn advance(&mut self) {
+        let [.., low, high, _, _] = &mut self.states;
+        for lane in 0..ABREAST {
+            low[lane] = low[lane].wrapping_add(1);
+            high[lane] = high[lane].wrapping_add(u32::from(low[lane] == 0));
+        }
+    }
+
+    /// The words of the first `n` lanes' blocks, word by word; other lanes mean nothing.
+    pub fn words(&self, n: usize) -> [[u32; ABREAST]; BLOCK_WORDS] {
+        let mut words = [[0; ABREAST]; BLOCK_WORDS];
+        dispatch(Rounds { states: &self.states, words: &mut words, n });
+        words
+    }
+}
+
+/// What the rounds of a block begin with. Streams have the nonce 0.
+fn state(key: [u64; 4], block: u64) -> [u32; BLOCK_WORDS] {
+    let [a, b, c, d] = CONSTANTS;
+    let mut state = [a, b, c, d, 0, 0, 0, 0, 0, 0, 0, 0, block as u32, (block >> 32) as u32, 0, 0];
+    for (i, word) in key.into_iter().enumerate() {
+        (state[4 + 2 * i], state[5 + 2 * i]) = (word as u32, (word >> 32) as u32);
+    }
+    state
+}
+
+struct Rounds<'a> {
+    states: &'a [[u32; ABREAST]; BLOCK_WORDS],
+    words: &'a mut [[u32; ABREAST]; BLOCK_WORDS],
+    n: usize,
+}
+
+impl Kernel for Rounds<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        let mut at = 0;
+        while at < self.n.min(ABREAST) {
+            let mut x = [L::whole(&self.states[0][at..]); BLOCK_WORDS];
+            for i in 1..BLOCK_WORDS {
+                x[i] = L::whole(&self.states[i][at..]);
+            }
+            for _ in 0..DOUBLE_ROUNDS {
+                quarter_round::<L>(&mut x, 0, 4, 8, 12);
+                quarter_round::<L>(&mut x, 1, 5, 9, 13);
+                quarter_round::<L>(&mut x, 2, 6, 10, 14);
+                quarter_round::<L>(&mut x, 3, 7, 11, 15);
+                quarter_round::<L>(&mut x, 0, 5, 10, 15);
+                quarter_round::<L>(&mut x, 1, 6, 11, 12);
+                quarter_round::<L>(&mut x, 2, 7, 8, 13);
+                quarter_round::<L>(&mut x, 3, 4, 9, 14);
+            }
+            for i in 0..BLOCK_WORDS {
+                L::store_whole(L::wrapping_add(x[i], L::whole(&self.states[i][at..])), &mut self.words[i][at..]);
+            }
+            at += L::WIDTH;
+        }
+    }
+}
+
+#[inline(always)]
+fn quarter_round<L: Lanes>(x: &mut [L::Whole; BLOCK_WORDS], a: usize, b: usize, c: usize, d: usize) {
+    x[a] = L::wrapping_add(x[a], x[b]);
+    x[d] = L::xor_rotated(x[d], x[a], 16);
+    x[c] = L::wrapping_add(x[c], x[d]);
+    x[b] = L::xor_rotated(x[b], x[c], 12);
+    x[a] = L::wrapping_add(x[a], x[b]);
+    x[d] = L::xor_rotated(x[d], x[a], 8);
+    x[c] = L::wrapping_add(x[c], x[d]);
+    x[b] = L::xor_rotated(x[b], x[c], 7);
+}
+
+/// The words of one block.
+pub(crate) fn block(key: [u64; 4], number: u64) -> [u32; BLOCK_WORDS] {
+    let state = state(key, number);
+    let [mut a, mut b, mut c, mut d] = [0, 4, 8, 12].map(|i| [state[i], state[i + 1], state[i + 2], state[i + 3]]);
+    for _ in 0..DOUBLE_ROUNDS {
+        rows_round(&mut a, &mut b, &mut c, &mut d);
+        // columns become diagonals, and back
+        (b, c, d) = ([b[1], b[2], b[3], b[0]], [c[2], c[3], c[0], c[1]], [d[3], d[0], d[1], d[2]]);
+        rows_round(&mut a, &mut b, &mut c, &mut d);
+        (b, c, d) = ([b[3], b[0], b[1], b[2]], [c[2], c[3], c[0], c[1]], [d[1], d[2], d[3], d[0]]);
+    }
+    let mut words = [0; BLOCK_WORDS];
+    for i in 0..4 {
+        (words[i], words[4 + i], words[8 + i], words[12 + i]) = (a[i], b[i], c[i], d[i]);
+    }
+    for i in 0..BLOCK_WORDS {
+        words[i] = words[i].wrapping_add(state[i]);
+    }
+    words
+}
+
+type Row = [u32; 4];
+
+#[inline(always)]
+fn rows_round(a: &mut Row, b: &mut Row, c: &mut Row, d: &mut Row) {
+    *a = row_sum(*a, *b);
+    *d = row_xor_rotated(*d, *a, 16);
+    *c = row_sum(*c, *d);
+    *b = row_xor_rotated(*b, *c, 12);
+    *a = row_sum(*a, *b);
+    *d = row_xor_rotated(*d, *a, 8);
+    *c = row_sum(*c, *d);
+    *b = row_xor_rotated(*b, *c, 7);
+}
+
+#[inline(always)]
+fn row_sum(a: Row, b: Row) -> Row {
+    [a[0].wrapping_add(b[0]), a[1].wrapping_add(b[1]), a[2].wrapping_add(b[2]), a[3].wrapping_add(b[3])]
+}
+
+#[inline(always)]
+fn row_xor_rotated(a: Row, b: Row, by: u32) -> Row {
+    let x = [a[0] ^ b[0], a[1] ^ b[1], a[2] ^ b[2], a[3] ^ b[3]];
+    [x[0].rotate_left(by), x[1].rotate_left(by), x[2].rotate_left(by), x[3].rotate_left(by)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::autodiff::lanes::{Set, with_set};
+    use crate::rng::{Purpose, Stream};
+    use rand_chacha::ChaCha8Rng;
+    use rand_chacha::rand_core::{Rng, SeedableRng};
+
+    /// The block of that number, by the crate that streams draw from.
+    fn theirs(key: [u64; 4], number: u64) -> [u32; BLOCK_WORDS] {
+        let mut bytes = [0; 32];
+        bytes.chunks_exact_mut(8).zip(key).for_each(|(chunk, word)| chunk.copy_from_slice(&word.to_le_bytes()));
+        let mut generator = ChaCha8Rng::from_seed(bytes);
+        generator.set_word_pos(u128::from(number) * BLOCK_WORDS as u128);
+        std::array::from_fn(|_| generator.next_u32())
+    }
+
+    /// Random keys with numbers that are small, random, or about to leave 32 bits.
+    fn blocks(case: u64) -> [([u64; 4], u64); ABREAST] {
+        let mut draw = Stream::new(52, case, 0, Purpose::user(52));
+        std::array::from_fn(|lane| {
+            let key = std::array::from_fn(|_| draw.next_u64());
+            let number = [draw.below(5), draw.next_u64(), u64::from(u32::MAX) - draw.below(2), u64::MAX];
+            (key, number[lane % 4])
+        })
+    }
+
+    #[test]
+    fn one_block_is_that_of_the_crate() {
+        for (key, number) in (0..20).flat_map(blocks) {
+            assert_eq!(block(key, number), theirs(key, number));
+        }
+    }
+
+    #[test]
+    fn blocks_abreast_are_those_of_the_crate_with_every_instruction_set() {
+        for set in [Set::Avx512, Set::Avx2, Set::OneLane].into_iter().filter(|set| set.is_here()) {
+            for (case, n) in [1, 5, 8, 9, ABREAST].into_iter().enumerate() {
+                let (blocks, mut abreast) = (blocks(case as u64), Abreast::new());
+                blocks.iter().enumerate().for_each(|(lane, (key, number))| abreast.set(lane, *key, *number));
+                for step in 0..3 {
+                    let words = with_set(set, || abreast.words(n));
+                    for (lane, (key, number)) in blocks[..n].iter().enumerate() {
+                        let own = words.map(|row| row[lane]);
+                        assert_eq!(own, theirs(*key, number.wrapping_add(step)), "{set:?}, lane {lane} of {n}");
+                    }
+                    abreast.advance();
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,172 @@
+//! Streams that are begun many at a time: their blocks are computed together, then each draws alone.
+
+use super::chacha::{ABREAST, Abreast, BLOCK_WORDS, block};
+use super::{Purpose, below, normal, unit};
+
+/// Consecutive 32-bit words of a stream, from a position on: what [`Stream`](super::Stream) would draw, with one block in hand.
+///
+/// Nothing is computed before the first draw. [`blocks`] computes the block of many at once; without it, or behind the end of the
+/// block, a draw computes its own.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Words {
+    key: [u64; 4],
+    /// Words drawn so far.
+    position: u64,
+    /// Number of the block in hand; [`NONE`] for none.
+    block: u64,
+    words: [u32; BLOCK_WORDS],
+}
+
+/// No block has this number: positions end before.
+const NONE: u64 = u64::MAX;
+/// From which number on blocks abreast cost less than one by one.
+const WORTH_LANES: usize = 4;
+
+/// Computes the blocks that these stand in, of those that have it not in hand, [`ABREAST`] at once.
+pub(crate) fn blocks(of: &mut [Words]) {
+    let (mut waiting, mut n) = ([0; ABREAST], 0);
+    for i in 0..of.len() {
+        if of[i].block != of[i].number() {
+            waiting[n] = i;
+            n += 1;
+        }
+        if n == ABREAST {
+            fill(of, &waiting);
+            n = 0;
+        }
+    }
+    fill(of, &waiting[..n]);
+}
+
+/// The blocks of up to [`ABREAST`] of them.
+fn fill(of: &mut [Words], which: &[usize]) {
+    if which.len() < WORTH_LANES {
+        which.iter().for_each(|i| of[*i].compute());
+        return;
+    }
+    let mut abreast = Abreast::new();
+    for (lane, i) in which.iter().enumerate() {
+        abreast.set(lane, of[*i].key, of[*i].number());
+    }
+    let words = abreast.words(which.len());
+    for (lane, i) in which.iter().enumerate() {
+        let own = &mut of[*i];
+        own.block = own.number();
+        own.words.iter_mut().zip(&words).for_each(|(word, lanes)| *word = lanes[lane]);
+    }
+}
+
+impl Words {
+    /// Those of [`Stream::new`](super::Stream::new).
+    pub fn new(seed: u64, environment: u64, episode: u64, purpose: Purpose) -> Self {
+        Self::restore([seed, environment, episode, purpose.0], 0)
+    }
+
+    /// Those of [`Stream::restore`](super::Stream::restore).
+    pub fn restore(key: [u64; 4], position: u64) -> Self {
+        Self { key, position, block: NONE, words: [0; BLOCK_WORDS] }
+    }
+
+    /// [seed, environment, episode, purpose].
+    pub fn key(&self) -> [u64; 4] {
+        self.key
+    }
+
+    /// 32-bit words drawn so far.
+    pub fn position(&self) -> u64 {
+        self.position
+    }
+
+    /// Number of the block that the next word is in.
+    fn number(&self) -> u64 {
+        self.position / BLOCK_WORDS as u64
+    }
+
+    fn compute(&mut self) {
+        self.block = self.number();
+        self.words = block(self.key, self.block);
+    }
+
+    fn next_u32(&mut self) -> u32 {
+        if self.block != self.number() {
+            self.compute();
+        }
+        let word = self.words[self.position as usize % BLOCK_WORDS];
+        self.position = self.position.wrapping_add(1);
+        word
+    }
+
+    /// As [`Stream::next_u64`](super::Stream::next_u64).
+    pub fn next_u64(&mut self) -> u64 {
+        let low = self.next_u32();
+        u64::from(low) | u64::from(self.next_u32()) << 32
+    }
+
+    /// As [`Stream::unit`](super::Stream::unit).
+    pub fn unit(&mut self) -> f64 {
+        unit(self.next_u64())
+    }
+
+    /// As [`Stream::below`](super::Stream::below).
+    pub fn below(&mut self, n: u64) -> u64 {
+        below(self.next_u64(), n)
+    }
+
+    /// As [`Stream::normal`](super::Stream::normal).
+    pub fn normal(&mut self) -> f64 {
+        let (a, b) = (self.next_u64(), self.next_u64());
+        normal(a, b)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rng::Stream;
+
+    /// Streams of other keys at other positions: at a block's start, within one, before the end of 32-bit numbers.
+    fn pairs(n: u64) -> (Vec<Words>, Vec<Stream>) {
+        let mut draw = Stream::new(53, n, 0, Purpose::user(53));
+        let mut pair = |i: u64| {
+            let key = [0; 4].map(|_| draw.next_u64());
+            let position = [0, draw.below(100), (1 << 36) - draw.below(20), draw.next_u64() >> 1][i as usize % 4];
+            (Words::restore(key, position), Stream::restore(key, position))
+        };
+        (0..n).map(&mut pair).unzip()
+    }
+
+    #[test]
+    fn words_draw_what_streams_do_whether_filled_together_or_not() {
+        for n in [1, 3, 4, 16, 17, 64, 70] {
+            let (mut words, mut streams) = pairs(n);
+            for round in 0..5 {
+                if round != 2 {
+                    blocks(&mut words);
+                }
+                for (i, (own, stream)) in words.iter_mut().zip(&mut streams).enumerate() {
+                    assert_eq!((own.key(), own.position()), (stream.key(), stream.position()));
+                    // some go on to the next block, others stay in theirs
+                    for _ in 0..(i + round) % 7 {
+                        assert_eq!(own.next_u64(), stream.next_u64(), "{i} of {n}");
+                        assert_eq!(own.unit().to_bits(), stream.unit().to_bits());
+                        assert_eq!(own.below(77), stream.below(77));
+                        assert_eq!(own.normal().to_bits(), stream.normal().to_bits());
+                    }
+                }
+            }
+        }
+        let mut own = Words::new(1, 2, 3, Purpose::WIND);
+        assert_eq!(own.next_u64(), Stream::new(1, 2, 3, Purpose::WIND).next_u64());
+    }
+
+    #[test]
+    fn filling_again_computes_nothing_and_moves_nothing() {
+        let (mut words, mut streams) = pairs(20);
+        blocks(&mut words);
+        // what is in hand is kept: a mark in it is drawn
+        let next = words[7].position() as usize % BLOCK_WORDS;
+        words[7].words[next] ^= 1;
+        blocks(&mut words);
+        assert_eq!(words[7].next_u32(), streams[7].next_u64() as u32 ^ 1);
+    }
+}
