@@ -98,6 +98,11 @@ impl Words {
 
     /// As [`Stream::next_u64`](super::Stream::next_u64).
     pub fn next_u64(&mut self) -> u64 {
+        let at = self.position as usize % BLOCK_WORDS;
+        if self.block == self.number() && at + 1 < BLOCK_WORDS {
+            self.position += 2;
+            return u64::from(self.words[at]) | u64::from(self.words[at + 1]) << 32;
+        }
         let low = self.next_u32();
         u64::from(low) | u64::from(self.next_u32()) << 32
     }
