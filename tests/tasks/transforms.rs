@@ -1,6 +1,7 @@
 //! Distributions and curricula.
 
 use crate::config;
+use omnidrones::rng::{Purpose, Stream};
 use omnidrones::tasks::{Buffers, Change, Distribution, Env, EnvConfig, Quantity};
 
 fn stepped(mut env: Env, steps: usize) -> (Env, Buffers) {
@@ -206,4 +207,43 @@ fn a_share_of_the_episodes_is_easier_in_all_that_difficulty_moves() {
     assert!(begun(mixed.clone().whole_episodes(), 1) == begun(EnvConfig { easier: 0.0, ..mixed }, 1));
     let refused = Env::make("Hover", &EnvConfig { easier: 1.5, ..usual }).err().unwrap().to_string();
     assert!(refused.starts_with("easier is 1.5, but it must be within [0, 1]"), "{refused}");
+}
+
+#[test]
+fn noise_of_observations_is_what_the_stream_of_each_environment_gives() {
+    let (n_env, std) = (70, 0.5);
+    let make = |observation: &str| {
+        let mut env =
+            Env::make("Hover", &EnvConfig { n_env, seed: 9, ..EnvConfig::from_toml(observation, "noise").unwrap() })
+                .unwrap();
+        let mut out = Buffers::new(env.spec());
+        env.reset(None, None, &mut out.out()).unwrap();
+        (env, out)
+    };
+    let (mut clean, mut truth) = make("");
+    let (mut noisy, mut shown) = make("observation = [{ kind = 'noise', std = 0.5 }]");
+    let n = clean.spec().n_observation;
+    let (mut actions, mut at) = (vec![0.0; n_env * 4], vec![(1_u64, 0_u64); n_env]);
+    let mut compared = [0; 2];
+    for t in 0..120 {
+        for (i, (episode, step)) in at.iter_mut().enumerate() {
+            let key = [9, i as u64, *episode, Purpose::SENSORS.0];
+            let mut stream = Stream::restore(key, 4 * n as u64 * *step);
+            for k in i * n..(i + 1) * n {
+                let wanted = f64::from(truth.observation[k]) + std * stream.normal();
+                let off = (f64::from(shown.observation[k]) - wanted).abs();
+                assert!(off < 1e-6 * (1.0 + wanted.abs()), "environment {i}, episode {episode}, step {step}: {off:e}");
+            }
+            compared[usize::from(*episode > 1)] += 1;
+        }
+        clean.sample(t, &mut actions);
+        clean.step(&actions, &mut truth.out()).unwrap();
+        noisy.step(&actions, &mut shown.out()).unwrap();
+        for (i, (episode, step)) in at.iter_mut().enumerate() {
+            let ended = truth.terminated[i] | truth.truncated[i] == 1;
+            (*episode, *step) = if ended { (*episode + 1, 0) } else { (*episode, *step + 1) };
+        }
+    }
+    // some have begun anew, others have not
+    assert!(compared.iter().all(|n| *n > 100), "{compared:?}");
 }

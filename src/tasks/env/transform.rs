@@ -4,7 +4,7 @@ use super::block::episode_state;
 use super::mask::{lanes_of, spread_bits};
 use super::stepper::Stepper;
 use crate::autodiff::program::BLOCK;
-use crate::rng::{Purpose, Stream};
+use crate::rng::{NORMAL_WORDS, Purpose, normals};
 
 impl Stepper<'_> {
     /// Observations through the pipeline, where environments moved on and where episodes begin.
@@ -15,7 +15,7 @@ impl Stepper<'_> {
         spread_bits(moved, &mut flags[0]);
         spread_bits(fresh, &mut flags[1]);
         if core.sizes.noise > 0 {
-            (0..n).for_each(|lane| self.draw_noise(lane));
+            self.draw_noise(n);
         }
         program.run(&mut self.work.scratch.transform, core, self.block, &mut self.work.rows, n);
         if core.collects && core.sizes.normalised > 0 {
@@ -44,19 +44,16 @@ impl Stepper<'_> {
         }
     }
 
-    /// Noise of one environment in this step: the same whenever it is asked for.
-    fn draw_noise(&mut self, lane: usize) {
-        let n = self.core.sizes.agent * self.core.sizes.noise;
-        let step = self.block.kept[episode_state::STEP][lane] as u64;
-        let [seed, environment, episode] = self.key(lane);
-        // a normal draw takes four words
-        let mut stream = Stream::restore([seed, environment, episode, Purpose::SENSORS.0], 4 * n as u64 * step);
-        self.core
-            .layout
-            .work
-            .noise
-            .of_mut(&mut self.work.rows)
-            .iter_mut()
-            .for_each(|row| row[lane] = stream.normal() as f32);
+    /// Noise of the first `n` environments in this step: the same whenever it is asked for.
+    fn draw_noise(&mut self, n: usize) {
+        let own = self.core.sizes.agent * self.core.sizes.noise;
+        let mut streams = [([0; 4], 0); BLOCK];
+        for (lane, stream) in streams[..n].iter_mut().enumerate() {
+            let step = self.block.kept[episode_state::STEP][lane] as u64;
+            let [seed, environment, episode] = self.key(lane);
+            *stream = ([seed, environment, episode, Purpose::SENSORS.0], (NORMAL_WORDS * own) as u64 * step);
+        }
+        let rows = self.core.layout.work.noise.of_mut(&mut self.work.rows);
+        normals(n, own, |lane| streams[lane], |lane, k, x| rows[k][lane] = x as f32);
     }
 }
