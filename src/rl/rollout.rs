@@ -19,7 +19,7 @@ use super::recall::Recall;
 use super::shards::{Shard, episodes, within_memory};
 use super::value_norm::ValueNorm;
 use crate::error::{Error, Result};
-use crate::rng::{Purpose, Stream};
+use crate::rng::{NORMAL_WORDS, Purpose, Stream, normals};
 use crate::tasks::{Spec, StepOut};
 use std::time::{Duration, Instant};
 
@@ -320,6 +320,14 @@ pub struct How<'a> {
     pub update: u64,
 }
 
+impl How<'_> {
+    /// Of the stream of environment `i` of a shard: one for each and every rollout, so that results depend neither on shards nor on
+    /// threads, and none is saved.
+    fn key(&self, first_environment: u64, i: usize) -> [u64; 4] {
+        [self.seed, first_environment.wrapping_add(i as u64), self.update, Purpose::POLICY.0]
+    }
+}
+
 /// A shard of environments with what collecting needs.
 pub struct Collector {
     /// The environments.
@@ -328,8 +336,10 @@ pub struct Collector {
     pub seen: Seen,
     /// What went wrong in it, for who collects in parallel.
     pub failed: Option<Error>,
-    /// Noise of every environment.
+    /// Of every environment, where actions are whole numbers.
     streams: Vec<Stream>,
+    /// Where they are continuous: the normal numbers of a step, environment by environment and agent by agent.
+    noise: Vec<f64>,
     /// Of the actor, one for each set of its parameters, if its actions are continuous.
     gaussians: Vec<Gaussians>,
     /// What agents see that act side by side, where they do not stand so.
@@ -368,6 +378,7 @@ impl Collector {
             recall: Recall::new(actor, rows, ROWS),
             failed: None,
             streams: Vec::with_capacity(shard.env.spec().n_env),
+            noise: Vec::new(),
             gaussians: (0..actor.n_set()).filter_map(|k| Gaussians::of(actor.head_of(k))).collect(),
             gathered: Vec::new(),
             of_actor: actor.mlp.memory(ROWS),
@@ -392,11 +403,13 @@ impl Collector {
         self.seen = Seen::default();
         self.ends.clear();
         self.end_rows.clear();
-        // a stream per environment and rollout: results depend neither on shards nor on threads, and none is saved
-        let first = self.shard.env.spec().config.first_environment;
         self.streams.clear();
-        let stream = |i| Stream::new(how.seed, first.wrapping_add(i as u64), how.update, Purpose::POLICY);
-        self.streams.extend((0..n_env).map(stream));
+        if self.gaussians.is_empty() {
+            let first = self.shard.env.spec().config.first_environment;
+            self.streams.extend((0..n_env).map(|i| Stream::restore(how.key(first, i), 0)));
+        }
+        let of_team = self.gaussians.iter().map(Gaussians::n).sum::<usize>() * s.n_agent / how.actor.n_set();
+        self.noise.resize(n_env * of_team, 0.0);
         for (k, gaussians) in self.gaussians.iter_mut().enumerate() {
             gaussians.set(how.actor.set(how.parameters, k).1);
         }
@@ -416,6 +429,13 @@ impl Collector {
         Ok(())
     }
 
+    /// The normal numbers of step t: what the streams would give one after the other.
+    fn draw(&mut self, n_env: usize, how: How<'_>, t: usize) {
+        let (first, of_team) = (self.shard.env.spec().config.first_environment, self.noise.len() / n_env);
+        let stream = |i| (how.key(first, i), (NORMAL_WORDS * of_team * t) as u64);
+        normals(n_env, of_team, stream, |i, k, x| self.noise[i * of_team + k] = x);
+    }
+
     fn step(&mut self, part: &mut Part<'_>, how: How<'_>, t: usize) -> Result<()> {
         let begun = Instant::now();
         let s = part.shape;
@@ -427,17 +447,24 @@ impl Collector {
             part.state[t * rows * s.n_state..][..rows * s.n_state].copy_from_slice(&self.recall.state);
             part.begins[t * rows..][..rows].copy_from_slice(&self.recall.begins);
         }
+        self.draw(n_env, how, t);
+        let of_team = self.noise.len() / n_env;
         for block in how.actor.blocks(rows) {
             let (network, extra) = how.actor.set(how.parameters, block.set);
+            let before: usize = self.gaussians.iter().take(block.set).map(Gaussians::n).sum();
             let x = block.of(now, s.n_observation, &mut self.gathered);
             let output = self.recall.forward(how.actor, network, x, block.first, &mut self.of_actor);
             let (head, gaussians) = (how.actor.head_of(block.set), self.gaussians.get(block.set));
             for (k, row) in (0..block.rows).map(|k| (k, block.row(k))) {
-                let stream = &mut self.streams[row / s.n_agent];
+                let (i, agent) = (row / s.n_agent, row % s.n_agent);
                 let action = &mut actions[row * s.n_action..][..s.n_action];
                 match gaussians {
-                    Some(gaussians) => gaussians.sample(output.row(k), stream, action),
-                    None => log_probs[row] = head.sample(output.row(k), extra, stream, action),
+                    Some(gaussians) => {
+                        // behind that of agents of other sets, then of those before it in its own
+                        let at = i * of_team + before + agent / how.actor.n_set() * gaussians.n();
+                        gaussians.sample(output.row(k), &self.noise[at..], action);
+                    }
+                    None => log_probs[row] = head.sample(output.row(k), extra, &mut self.streams[i], action),
                 }
             }
             if let Some(gaussians) = gaussians {

@@ -7,7 +7,6 @@ use super::elementwise::sum;
 use super::head::{Head, LOG_STD_MAX, LOG_STD_MIN};
 use super::network::Output;
 use crate::autodiff::program::BLOCK;
-use crate::rng::Stream;
 use std::f64::consts::TAU;
 
 /// The Gaussians of a head, with deviations as they were last set.
@@ -48,10 +47,15 @@ impl Gaussians {
         self.entropy = 0.5 * n * (1.0 + TAU.ln()) + total;
     }
 
-    /// Draws the action of one row.
-    pub fn sample(&self, output: &[f32], stream: &mut Stream, action: &mut [f32]) {
-        for (i, std) in self.std.iter().enumerate() {
-            action[i] = (f64::from(output[i]) + std * stream.normal()) as f32;
+    /// Numbers of an action.
+    pub fn n(&self) -> usize {
+        self.std.len()
+    }
+
+    /// The action of one row, by a standard normal number for each of its own.
+    pub fn sample(&self, output: &[f32], noise: &[f64], action: &mut [f32]) {
+        for (i, (std, noise)) in self.std.iter().zip(noise).enumerate() {
+            action[i] = (f64::from(output[i]) + std * noise) as f32;
         }
     }
 
@@ -108,7 +112,7 @@ impl Gaussians {
 mod tests {
     use super::*;
     use crate::rl::nn::{Activation, Layers, Mlp};
-    use crate::rng::Purpose;
+    use crate::rng::{Purpose, Stream};
 
     #[test]
     fn a_block_of_rows_agrees_with_its_rows_in_f64() {
@@ -126,7 +130,8 @@ mod tests {
             let mut actions = vec![0.0; n * 3];
             let mut twin = stream.clone();
             for (k, action) in actions.chunks_mut(3).enumerate() {
-                gaussians.sample(output.row(k), &mut stream, action);
+                let noise = [0; 3].map(|_| stream.normal());
+                gaussians.sample(output.row(k), &noise, action);
                 let mut other = [0.0; 3];
                 head.sample(output.row(k), &extra, &mut twin, &mut other);
                 assert_eq!(action, other);

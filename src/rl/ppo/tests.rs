@@ -364,6 +364,34 @@ fn a_team_shares_its_policy_and_a_critic_of_its_central_state() {
     assert!(inputs != central);
 }
 
+#[test]
+fn teams_explore_by_the_stream_of_their_environment_agent_after_agent() {
+    for of in [Team::Shared, Team::Separate] {
+        let mut ppo = ppo("Formation", &EnvConfig::default(), PpoConfig { team: of, ..small() }, 1);
+        // every mean is 0, every deviation 1
+        ppo.parameters.fill(0.0);
+        ppo.collect().unwrap();
+        let (s, mut at, mut first) = (ppo.rollout.shape, 0, 0);
+        let n = s.n_agent * s.n_action;
+        for collector in &ppo.collectors {
+            let n_env = collector.shard.env.spec().n_env;
+            let own = |i: usize| Stream::new(5, (first + i) as u64, 0, Purpose::POLICY);
+            let mut streams: Vec<_> = (0..n_env).map(own).collect();
+            for t in 0..s.steps {
+                for (i, stream) in streams.iter_mut().enumerate() {
+                    let wanted: Vec<_> = (0..n).map(|_| stream.normal() as f32).collect();
+                    assert_eq!(ppo.rollout.action[at..at + n], wanted, "{of:?}: step {t} of environment {}", first + i);
+                    at += n;
+                }
+            }
+            first += n_env;
+            // no action stands behind the last step
+            at += n_env * n;
+        }
+        assert_eq!((at, first), (ppo.rollout.action.len(), 24));
+    }
+}
+
 fn team(team: Team, config: PpoConfig) -> Ppo {
     let env = EnvConfig { actions: ActionSpace::Discrete { levels: 2 }, ..EnvConfig::default() };
     ppo("OverHover", &env, PpoConfig { team, ..config }, 1)
