@@ -8,6 +8,9 @@
 //! numbers, streams with different keys need no spacing or hashing to be independent, and its whole state is a key and
 //! a position, which can be saved and jumped to at no cost. Eight rounds are the fewest without a known distinguisher.
 //!
+//! Where many environments draw together, their blocks are computed side by side, one in each lane: `chacha` has the blocks, `words`
+//! streams that are begun together, `normals` normal numbers of many streams. The bits are those of each stream alone.
+//!
 //! All draws are the same bits on every system and processor: integers and [`uniform`](Stream::uniform) by nature, and
 //! [`normal`](Stream::normal) because its logarithm and cosine are polynomials in operations that IEEE 754 rounds alike everywhere.
 
