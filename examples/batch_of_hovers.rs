@@ -33,7 +33,7 @@ fn fly_straight(env: &Env, out: &Buffers, actions: &mut [f32]) {
 /// Steps the batch with a policy; prints what came of it.
 fn roll_out(name: &str, env: &mut Env, policy: &mut dyn FnMut(&Env, &Buffers, &mut [f32])) -> Result<()> {
     let spec = env.spec().clone();
-    let (total, success) = (Column::Return.index(), Column::Success.index());
+    let (total, success) = (spec.needed_column(Column::Return)?, spec.needed_column(Column::Success)?);
     let mut out = Buffers::new(&spec);
     let mut actions = vec![0.0; N * spec.n_agent * spec.action.len()];
     env.reset(None, None, &mut out.out())?;

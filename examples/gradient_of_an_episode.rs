@@ -16,7 +16,7 @@ fn main() -> Result<()> {
     let mut env = Env::make("Hover", &config)?;
     let spec = env.spec().clone();
     let error = spec.info_column("position_error").unwrap();
-    let (loss, width) = (Column::Loss.index(), spec.info.len());
+    let (loss, width) = (spec.needed_column(Column::Loss)?, spec.info.len());
 
     // What a step is differentiated by, what is remembered of the steps, what walks back through them.
     let adjoint = env.adjoint(false)?;

@@ -27,7 +27,7 @@ fn main() -> Result<()> {
     hover.reset(None, None, &mut out.out())?;
     let expected = shac.cost_to_go(&out.observation);
     let (mut paid, mut actions, mut weight) = (vec![0.0; 5], vec![0.0; 20], 1.0);
-    let (width, loss) = (hover.spec().info.len(), Column::Loss.index());
+    let (width, loss) = (hover.spec().info.len(), hover.spec().needed_column(Column::Loss)?);
     for _ in 0..300 {
         policy.act(&out.observation, &mut actions)?;
         hover.step(&actions, &mut out.out())?;

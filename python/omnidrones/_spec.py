@@ -70,7 +70,7 @@ class Spec:
     privileged : dict
         Nominal values of the physical numbers that differ between environments, by name, SI.
     info : tuple of str
-        Names of the columns of `Step.info`.
+        Names of the columns of `Step.info`; the setting `info` names those that are told.
     ends : tuple of str
         Reasons to terminate; the column "reason" counts them from 1.
     reward_bound : float

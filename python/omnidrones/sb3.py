@@ -22,6 +22,9 @@ class VecEnv(vec_env.VecEnv):
     """
 
     def __init__(self, name: str, num_envs: int, **settings: Any) -> None:
+        if settings.get("info") is not None:
+            # of every episode that ends these two are told
+            settings["info"] = [*settings["info"], "return", "length"]
         self.batch = _core.VecEnv(name, num_envs, autoreset="same_step", **settings)
         self.render_mode = None
         super().__init__(num_envs, *team_spaces(self.batch.spec))

@@ -49,6 +49,13 @@ def test_a_setting_that_equals_its_default_counts_and_none_leaves_it_out():
     assert len(omnidrones.make("HoverRand", 1, randomise=None).config["randomise"]) == 9
 
 
+def test_columns_of_information_are_chosen_by_name():
+    env, none = (omnidrones.make("Hover", 2, info=info) for info in (["position_error", "return"], []))
+    assert env.spec.info == ("return", "position_error") and none.spec.info == ()
+    env.reset(), none.reset()
+    assert env.step(env.sample(0)).info.shape == (2, 2) and none.step(none.sample(0)).info.shape == (2, 0)
+
+
 def test_numpy_numbers_arrays_and_paths_are_settings():
     env = omnidrones.make("Hover", np.int64(2), seed=np.uint64(2**63 + 5), dt=np.float32(0.0078125), horizon=np.int32(40))
     assert (env.num_envs, env.spec.dt, env.spec.horizon) == (2, 0.0078125, 40)
@@ -90,6 +97,8 @@ def test_a_vehicle_of_ones_own_flies_as_an_object_a_file_and_a_name(tmp_path):
         (lambda: omnidrones.make("Hover", 2, config={1: 2}), TypeError, "keys must be texts"),
         (lambda: omnidrones.make("Hover", 2).step(np.zeros((2, 1, 4), np.float32)), ValueError, "reset"),
         (lambda: omnidrones.make("Hover", 2).column("retrun"), ValueError, "did you mean 'return'"),
+        (lambda: omnidrones.make("Hover", 2, info=["retrun"]), ValueError, "did you mean 'return'"),
+        (lambda: omnidrones.make("Hover", 2, info=["loss"]).column("return"), ValueError, "Known: loss"),
         (lambda: omnidrones.load_policy("nowhere"), FileNotFoundError, "does not exist"),
         (lambda: omnidrones.Vehicle("none.urdf"), FileNotFoundError, "none.urdf"),
     ],

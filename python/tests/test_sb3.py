@@ -41,6 +41,13 @@ def test_ended_episodes_have_their_last_observation_and_say_why():
     VecNormalize(VecCheckNan(VecMonitor(env))).reset()
 
 
+def test_an_ended_episode_says_its_return_and_length_whatever_columns_are_chosen():
+    env = VecEnv("Hover", 2, horizon=3, info=["success"])
+    env.reset()
+    ended = [info for _ in range(3) for info in env.step(np.full((2, 4), -0.415, np.float32))[3] if info]
+    assert [info["episode"]["l"] for info in ended] == [3, 3] and "success" in ended[0] and "loss" not in ended[0]
+
+
 def test_its_seed_is_ours():
     rows = []
     for _ in range(2):

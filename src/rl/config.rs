@@ -128,11 +128,12 @@ impl Default for TrainConfig {
 }
 
 /// Settings of an environment that a run sets itself, and where they are given instead.
-pub(super) const NOT_OF_ENV: [(&str, &str); 4] = [
+pub(super) const NOT_OF_ENV: [(&str, &str); 5] = [
     ("n_env", "Give n_env in the table of the algorithm."),
     ("seed", "Give seed at the top of the file."),
     ("first_environment", "Remove it: a run numbers its environments itself."),
     ("autoreset", "Remove it: environments restart in the same step while training."),
+    ("info", "Remove it: training tells what learners read, evaluations all."),
 ];
 
 /// Settings that came after rows were trained, whose defaults change nothing.

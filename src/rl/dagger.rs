@@ -244,7 +244,7 @@ impl Worker {
             teacher.follow(own, ended)?;
             let finite = out.reward.iter().filter(|x| x.is_finite());
             self.reward += finite.map(|x| f64::from(*x)).sum::<f64>() / n_agent as f64;
-            self.episodes.add(&episodes(env.spec(), out));
+            self.episodes.add(&episodes(env.spec(), out)?);
         }
         Ok(())
     }

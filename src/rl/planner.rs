@@ -89,7 +89,7 @@ impl Planner {
     /// # Errors
     /// As [`PlannerConfig::validate`], [`Env::tape`] and [`Env::adjoint`]; [`Error::Limit`] for plans beyond
     /// [`EnvConfig::memory_limit`](crate::tasks::EnvConfig::memory_limit); [`Error::Value`] for environments that restart by
-    /// themselves.
+    /// themselves or do not tell losses and reasons.
     pub fn new(twin: Env, config: PlannerConfig) -> Result<Self> {
         config.validate()?;
         let spec = twin.spec();
@@ -97,6 +97,8 @@ impl Planner {
             let remedy = "Build it with autoreset = 'disabled'.";
             return Err(Error::value("autoreset", "on", "'disabled' to plan", remedy));
         }
+        spec.needed_column(Column::Loss)?;
+        spec.needed_column(Column::Reason)?;
         let (n_env, n_action) = (spec.n_env, numbers_of_a_step(&twin));
         let of_step = 6 * n_action as u128 + n_env as u128 * (1 + twin.layout().n_kept()) as u128;
         let bytes = 4 * of_step * config.horizon as u128;
@@ -192,7 +194,7 @@ impl Planner {
         tape.clear();
         let spec = twin.spec();
         let (n_env, n_agent, n_info) = (spec.n_env, spec.n_agent, spec.info.len());
-        let (loss, reason) = (Column::Loss.index(), Column::Reason.index());
+        let (loss, reason) = (spec.needed_column(Column::Loss)?, spec.needed_column(Column::Reason)?);
         let diverged = (spec.ends.len() + 1) as f32;
         let n = plan.len() / config.horizon;
         let (mut total, mut ended) = (vec![0.0_f64; n_env], vec![false; n_env]);

@@ -89,7 +89,7 @@ impl Refined {
 ///
 /// # Errors
 /// As [`RefineConfig::validate`], [`Policy::fits`], [`Env::adjoint`] and [`Env::tape`]; [`Error::Value`] for a policy with a
-/// memory or of a network for each agent and for environments that restart by themselves; [`Error::Limit`] for episodes beyond
+/// memory or of a network for each agent and for environments that restart by themselves or do not tell successes; [`Error::Limit`] for episodes beyond
 /// [`EnvConfig::memory_limit`](crate::tasks::EnvConfig::memory_limit).
 pub fn refine(
     policy: &Policy,
@@ -164,6 +164,7 @@ impl<'a> Flights<'a> {
                 "Build it with autoreset = 'disabled'.",
             ));
         }
+        spec.needed_column(Column::Success)?;
         let adjoint = env.adjoint_of(false, Seeds { central: false, reward: true, loss: false })?;
         let (horizon, rows) = (spec.horizon, spec.n_env * spec.n_agent);
         let (n_seen, n_action) = (rows * spec.n_observation, rows * spec.action.len());
@@ -207,7 +208,7 @@ impl<'a> Flights<'a> {
         self.out.observation.copy_from_slice(&self.from.1);
         let (n_env, n_agent) = (env.spec().n_env, env.spec().n_agent);
         let (n_seen, n_action) = (self.d_observation.len(), self.d_action.len());
-        let (n_info, reached) = (env.spec().info.len(), Column::Success.index());
+        let (n_info, reached) = (env.spec().info.len(), env.spec().needed_column(Column::Success)?);
         let (mut total, mut ended, mut success) = (vec![0.0_f64; n_env], vec![false; n_env], vec![false; n_env]);
         self.n_step = 0;
         for t in 0..env.spec().horizon {

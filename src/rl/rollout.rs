@@ -502,7 +502,7 @@ impl Collector {
         }
         let finite = out.reward.iter().filter(|x| x.is_finite());
         self.seen.reward += finite.map(|x| f64::from(*x)).sum::<f64>() / s.n_agent as f64;
-        self.seen.episodes.add(&episodes(env.spec(), out));
+        self.seen.episodes.add(&episodes(env.spec(), out)?);
         let last = if s.n_central > 0 { &out.final_central } else { &out.final_observation };
         for i in (0..n_env).filter(|i| out.truncated[*i] == 1 && out.terminated[*i] == 0) {
             for k in i * s.n_judged..(i + 1) * s.n_judged {

@@ -77,7 +77,7 @@ pub fn fingerprint(config: &TrainConfig) -> Result<String> {
     if let Ok(Some((_, own))) = predecessor_config(config) {
         hash.update(fingerprint(&own)?);
     }
-    let env = EnvConfig { n_env: 64, seed: 5, ..config.seen_env() };
+    let env = EnvConfig { n_env: 64, seed: 5, info: None, ..config.seen_env() };
     let mut env = Env::make(&config.task, &env)?;
     let mut out = Buffers::new(env.spec());
     env.reset(None, None, &mut out.out())?;

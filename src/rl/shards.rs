@@ -15,6 +15,9 @@ use std::fmt::Display;
 /// Most shards of a batch: each has tensors of its own in a checkpoint.
 const MAX_SHARDS: usize = 2048;
 
+/// Columns of the information that learners read.
+const READ: [Column; 5] = [Column::Return, Column::Length, Column::Reason, Column::Success, Column::Loss];
+
 /// Environments of one shard.
 pub struct Shard {
     /// The environments.
@@ -23,7 +26,8 @@ pub struct Shard {
     pub out: Buffers,
 }
 
-/// `config.n_env` environments in shards of at most `size`, all reset, with `config.autoreset` in the same step.
+/// `config.n_env` environments in shards of at most `size`, all reset, with `config.autoreset` in the same step. They tell what
+/// learners read (`return`, `length`, `reason`, `success`, `loss`) and what else `config.info` names.
 ///
 /// # Errors
 /// [`Error::Value`] for a size of 0, [`Error::Limit`] if all of them need too much memory; otherwise as `make`.
@@ -47,11 +51,14 @@ pub(crate) fn shards_if(
         return Err(Error::limit("shards, n_env/shard", n, MAX_SHARDS, "Take larger shards."));
     }
     let one = Threads::new(1)?;
+    let mut info = config.info.clone().unwrap_or_default();
+    info.extend(READ.map(|column| column.name().into()));
     let shard = |first: usize| {
         let own = EnvConfig {
             n_env: size.min(config.n_env - first),
             first_environment: config.first_environment.wrapping_add(first as u64),
             autoreset: Autoreset::SameStep,
+            info: Some(info.clone()),
             ..config.clone()
         };
         let mut env = make(&own)?;
@@ -155,9 +162,13 @@ pub(crate) fn begin_statistics<'a>(
 }
 
 /// Figures of the episodes that ended in the step that wrote `out`.
-pub fn episodes(spec: &Spec, out: &Buffers) -> Episodes {
-    let (width, total, length) = (spec.info.len(), Column::Return.index(), Column::Length.index());
-    let success = Column::Success.index();
+///
+/// # Errors
+/// [`Error::Value`] for environments that leave out their returns, lengths or successes.
+pub fn episodes(spec: &Spec, out: &Buffers) -> Result<Episodes> {
+    let width = spec.info.len();
+    let (total, length) = (spec.needed_column(Column::Return)?, spec.needed_column(Column::Length)?);
+    let success = spec.needed_column(Column::Success)?;
     let mut seen = Episodes::default();
     for (i, info) in out.info.chunks_exact(width).enumerate() {
         if out.terminated[i] | out.truncated[i] == 1 {
@@ -169,5 +180,5 @@ pub fn episodes(spec: &Spec, out: &Buffers) -> Episodes {
             seen.succeeded += u64::from(out.terminated[i] == 0 && info[success] > 0.5);
         }
     }
-    seen
+    Ok(seen)
 }

@@ -228,7 +228,7 @@ impl Window {
         let begun = Instant::now();
         let (rows, objective) = (self.rows(), self.objective);
         let Shard { env, out } = &mut self.shard;
-        let (loss, reason) = (Column::Loss.index(), Column::Reason.index());
+        let (loss, reason) = (env.spec().needed_column(Column::Loss)?, env.spec().needed_column(Column::Reason)?);
         let diverged = (env.spec().ends.len() + 1) as f32;
         let (n_info, n_agent) = (env.spec().info.len(), env.spec().n_agent);
         self.seen = Seen::default();
@@ -261,7 +261,7 @@ impl Window {
             self.seen.cost += step.cost.iter().filter(|x| x.is_finite()).map(|x| f64::from(*x)).sum::<f64>();
             self.seen.dropped += step.masked.len();
             self.seen.reward += out.reward.iter().step_by(n_agent).map(|x| f64::from(*x)).sum::<f64>();
-            self.seen.episodes.add(&episodes(env.spec(), out));
+            self.seen.episodes.add(&episodes(env.spec(), out)?);
         }
         if let Some(step) = self.steps.last() {
             self.seen.saturated = actor.mlp.saturated(&step.memory, rows, 0.99);

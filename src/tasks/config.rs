@@ -137,6 +137,10 @@ pub struct EnvConfig {
     /// at the horizon time is over as ever. 0: at the horizon alone. Learners, who know truncation from an end, see more of how
     /// episodes begin than of what comes when all is flown: where flying there is hard and staying is not, that is what they need.
     pub truncate_after: usize,
+    /// Names of the columns of [`Spec::info`](super::Spec::info) that are told, whatever their order; none for all. What is left out is
+    /// neither computed nor kept. Learners tell what they read whatever this says, and evaluations all.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub info: Option<Vec<String>>,
     /// Most memory, bytes.
     pub memory_limit: u64,
     /// A vehicle of one's own, which the task's setting `vehicle` names like a built-in one.
@@ -179,6 +183,7 @@ impl Default for EnvConfig {
             autoreset: Autoreset::SameStep,
             stagger: false,
             truncate_after: 0,
+            info: None,
             memory_limit: MEMORY_LIMIT,
             own_vehicle: None,
             task: toml::Table::new(),
@@ -221,8 +226,13 @@ impl EnvConfig {
 
     /// The names of its settings.
     pub fn keys() -> Vec<String> {
-        let whole =
-            Self { randomise: Some(Vec::new()), sensor: Some(Vec::new()), throttle_change: 1.0, ..Self::default() };
+        let whole = Self {
+            randomise: Some(Vec::new()),
+            sensor: Some(Vec::new()),
+            info: Some(Vec::new()),
+            throttle_change: 1.0,
+            ..Self::default()
+        };
         let told = toml::Table::try_from(whole).unwrap_or_default();
         told.keys().cloned().chain(["own_vehicle".into()]).collect()
     }
@@ -237,11 +247,12 @@ impl EnvConfig {
         self.sensor.as_deref().unwrap_or_default()
     }
 
-    /// The same with episodes that are flown from their start to their end and none of them made easier: without
-    /// [`stagger`](Self::stagger), [`truncate_after`](Self::truncate_after) and [`easier`](Self::easier), which are for learners.
+    /// The same with episodes that are flown from their start to their end, none of them made easier and all told of them: without
+    /// [`stagger`](Self::stagger), [`truncate_after`](Self::truncate_after), [`easier`](Self::easier) and [`info`](Self::info), which
+    /// are for learners.
     #[must_use]
     pub fn whole_episodes(self) -> Self {
-        Self { stagger: false, truncate_after: 0, easier: 0.0, ..self }
+        Self { stagger: false, truncate_after: 0, easier: 0.0, info: None, ..self }
     }
 
     /// Checks every number but the size of the batch, which needs the task.

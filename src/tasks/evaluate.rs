@@ -83,8 +83,8 @@ pub type Act<'a> = dyn FnMut(&Env, &Buffers, &mut [f32]) -> Result<()> + 'a;
 /// the step before; `watch` sees every step: a progress bar, a [`Record`](super::Record).
 ///
 /// # Errors
-/// [`Error::Value`] unless the environment was made with `autoreset = "disabled"`; those of the policy; otherwise as
-/// [`Env::step`].
+/// [`Error::Value`] unless the environment was made with `autoreset = "disabled"` and tells all columns of its information; those of
+/// the policy; otherwise as [`Env::step`].
 pub fn evaluate(env: &mut Env, policy: &mut Act<'_>, watch: &mut dyn FnMut(&Watched<'_>)) -> Result<Evaluation> {
     let episodes = EpisodeRows::fly(env, policy, watch)?;
     Ok(episodes.evaluation(env.spec()))
@@ -116,6 +116,7 @@ impl EpisodeRows {
             return Err(Error::value("autoreset", "on", "'disabled' to evaluate", remedy));
         }
         let spec = env.spec().clone();
+        spec.tells_all()?;
         let n = spec.n_env;
         let mut out = Buffers::new(&spec);
         let mut actions = vec![0.0; n * spec.n_agent * spec.action.len()];
@@ -123,6 +124,7 @@ impl EpisodeRows {
         let limit = spec.success.limits.first().map_or(f64::INFINITY, |limit| limit.below);
         let mut flying = vec![true; n];
         let width = spec.info.len();
+        let first = first_metric(&spec);
         let mut commands = Commands::of(env);
         let mut own = Self {
             info: vec![0.0; n * width],
@@ -135,7 +137,7 @@ impl EpisodeRows {
             policy(env, &out, &mut actions)?;
             env.step(&actions, &mut out.out())?;
             for i in (0..n).filter(|i| flying[*i]) {
-                let error = first_metric(&spec, &out.info, i);
+                let error = first.map_or(0.0, |k| f64::from(out.info[i * width + k]));
                 own.error[i] += error;
                 own.near[i] = error < limit || spec.success.once && own.near[i];
             }
@@ -169,26 +171,28 @@ impl EpisodeRows {
     /// Figures over them. `spec` is that of the environments but for their number.
     ///
     /// # Panics
-    /// Without episodes, or if `info` has not the columns of `spec` or a list not one entry for each.
+    /// Without episodes, or if `info` has not the columns of `spec`, which are all, or a list not one entry for each.
     pub fn evaluation(&self, spec: &Spec) -> Evaluation {
         let (n, width) = (self.terminated.len(), spec.info.len());
+        let [total, length, reason, success] = [Column::Return, Column::Length, Column::Reason, Column::Success]
+            .map(|column| spec.column(column).expect("a spec that tells all columns"));
         assert!(n > 0 && self.info.len() == n * width, "rows of info");
         assert!(self.error.len() == n && self.near.len() == n && self.activity.len() == n, "an entry for each episode");
         let of = |k: usize| (0..n).map(move |i| f64::from(self.info[i * width + k]));
         let mean = |k: usize| of(k).sum::<f64>() / n as f64;
-        let return_mean = mean(Column::Return.index());
-        let spread = of(Column::Return.index()).map(|x| (x - return_mean).powi(2)).sum::<f64>() / n as f64;
+        let return_mean = mean(total);
+        let spread = of(total).map(|x| (x - return_mean).powi(2)).sum::<f64>() / n as f64;
         let count = |holds: &dyn Fn(usize) -> bool| (0..n).filter(|i| holds(*i)).count();
         let share = |holds: &dyn Fn(usize) -> bool| count(holds) as f64 / n as f64;
-        let at = |i: usize, column: Column| self.info[i * width + column.index()];
-        let succeeded = count(&|i| at(i, Column::Success) > 0.5 && !self.terminated[i]);
-        let steps: f64 = of(Column::Length.index()).sum();
+        let at = |i: usize, column: usize| self.info[i * width + column];
+        let succeeded = count(&|i| at(i, success) > 0.5 && !self.terminated[i]);
+        let steps: f64 = of(length).sum();
         Evaluation {
             n_episode: n,
             return_mean,
             return_std: spread.sqrt(),
             share_of_bound: return_mean / (spec.reward_bound * spec.horizon as f64),
-            final_error: (0..n).map(|i| first_metric(spec, &self.info, i)).sum::<f64>() / n as f64,
+            final_error: first_metric(spec).map_or(0.0, mean),
             mean_error: self.error.iter().sum::<f64>() / steps,
             success: succeeded as f64 / n as f64,
             success_interval: wilson(succeeded, n),
@@ -198,13 +202,12 @@ impl EpisodeRows {
             activity: Some(Activity::over(&self.activity)),
             final_metrics: spec.metric_columns().map(mean).collect(),
             terms: spec.term_columns().map(mean).collect(),
-            ends: (1..spec.ends.len() + 2).map(|k| share(&|i| at(i, Column::Reason) as usize == k)).collect(),
+            ends: (1..spec.ends.len() + 2).map(|k| share(&|i| at(i, reason) as usize == k)).collect(),
         }
     }
 }
 
-/// Of environment `i`; 0 where the task has no metric.
-fn first_metric(spec: &Spec, info: &[f32], i: usize) -> f64 {
-    let metrics = spec.metric_columns();
-    if metrics.is_empty() { 0.0 } else { f64::from(info[i * spec.info.len() + metrics.start]) }
+/// Its column; none where the task has no metric.
+fn first_metric(spec: &Spec) -> Option<usize> {
+    spec.metric_columns().next()
 }

@@ -36,7 +36,7 @@
 //!     env.sample(t, &mut actions); // a policy, from out.observation
 //!     env.step(&actions, &mut out.out())?; // out.reward, out.terminated, out.truncated, out.final_observation, ...
 //! }
-//! let column = Column::Return.index();
+//! let column = env.spec().needed_column(Column::Return)?;
 //! let returns: Vec<f32> = out.info.chunks(env.spec().info.len()).map(|row| row[column]).collect();
 //! assert!(returns.iter().all(|r| r.is_finite()));
 //! # Ok::<(), omnidrones::error::Error>(())

@@ -43,7 +43,7 @@ pub struct Recorded {
     pub n_flying: usize,
     /// Mean reward.
     pub reward: f64,
-    /// Mean of every term of the reward.
+    /// Mean of every term of the reward that the environment tells.
     pub terms: Vec<f64>,
     /// Every metric of the task, in its order.
     pub metrics: Vec<Spread>,
@@ -110,10 +110,11 @@ impl Record {
     pub fn see(&mut self, watched: &Watched<'_>) {
         let (width, first) = (self.spec.info.len(), self.first_metric());
         let flying: Vec<usize> = (0..self.spec.n_env).filter(|i| watched.flying[*i]).collect();
+        let reason = self.spec.column(Column::Reason);
         let info = |i: usize, k: usize| watched.out.info[i * width + k];
         for i in &flying {
             self.last[i * width..][..width].copy_from_slice(&watched.out.info[i * width..][..width]);
-            if info(*i, Column::Reason.index()) as usize > self.spec.ends.len() {
+            if reason.is_some_and(|k| info(*i, k) as usize > self.spec.ends.len()) {
                 self.breaches[*i] = watched.env.breach(*i).ok().flatten();
             }
         }
@@ -140,11 +141,11 @@ impl Record {
     /// Mean of every term in this step: what its sum grew by.
     fn terms(&mut self, flying: &[usize], info: &[f32]) -> Vec<f64> {
         let (width, n_term) = (self.spec.info.len(), self.spec.reward.len());
-        let first = self.first_metric() - n_term;
-        let mut means = vec![0.0; n_term];
+        let columns = self.spec.term_columns();
+        let mut means = vec![0.0; columns.len()];
         for i in flying {
-            for (k, mean) in means.iter_mut().enumerate() {
-                let (now, before) = (info[i * width + first + k], &mut self.before[i * n_term + k]);
+            for ((k, mean), column) in means.iter_mut().enumerate().zip(columns.clone()) {
+                let (now, before) = (info[i * width + column], &mut self.before[i * n_term + k]);
                 *mean += f64::from(now - *before) / flying.len() as f64;
                 *before = now;
             }
@@ -154,7 +155,7 @@ impl Record {
 
     /// Column `column` of [`Spec::info`] at the end of every episode; empty if there is no such column.
     pub fn ended(&self, column: usize) -> Vec<f32> {
-        self.last.chunks_exact(self.spec.info.len()).filter_map(|row| row.get(column).copied()).collect()
+        self.last.chunks_exact(self.spec.info.len().max(1)).filter_map(|row| row.get(column).copied()).collect()
     }
 
     /// What broke in episode `environment`, where it ended as `diverged`.
@@ -165,14 +166,14 @@ impl Record {
     /// Why episode `environment` ended: a name of [`Spec::ends`], `diverged`, or `time`.
     ///
     /// # Errors
-    /// [`Error::Value`] if there is no such environment.
+    /// [`Error::Value`] if there is no such environment, or where the environment does not tell reasons.
     pub fn why(&self, environment: usize) -> Result<&str> {
         let (n, width) = (self.spec.n_env, self.spec.info.len());
         if environment >= n {
             let remedy = "Environments count from 0.";
             return Err(Error::value("environment", environment, format!("< {n}"), remedy));
         }
-        let code = self.last[environment * width + Column::Reason.index()];
+        let code = self.last[environment * width + self.spec.needed_column(Column::Reason)?];
         Ok(match (code as usize).checked_sub(1) {
             None => "time",
             Some(k) => self.spec.ends.get(k).map_or("diverged", |end| &end.name),

@@ -161,6 +161,13 @@ pub struct Term {
     pub smoothness: Smoothness,
 }
 
+impl Term {
+    /// Name of its column of the information.
+    pub(crate) fn column(&self) -> String {
+        format!("reward_{}", self.name)
+    }
+}
+
 /// A reason to terminate.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct End {

@@ -207,7 +207,8 @@ impl Window {
             let actions: Vec<f32> =
                 seen.chunks(n).flat_map(|row| weights.chunks(n).map(move |own| act(row, own))).collect();
             self.env.step_recorded(&actions, &mut out.out(), &mut self.tape).unwrap();
-            let losses = out.info.chunks(self.env.spec().info.len()).map(|info| f64::from(info[Column::Loss.index()]));
+            let loss = self.env.spec().needed_column(Column::Loss).unwrap();
+            let losses = out.info.chunks(self.env.spec().info.len()).map(|info| f64::from(info[loss]));
             cost += losses.sum::<f64>() / (16 * WINDOW) as f64;
             self.flown.push((seen, actions));
         }

@@ -365,6 +365,7 @@ const KEYS: &[(&str, &str)] = &[
     ("autoreset", "same_step, next_step, disabled"),
     ("stagger", "whether first episodes begin anywhere in time"),
     ("truncate_after", "mean steps after which episodes are truncated at random; 0: at the horizon alone"),
+    ("info", "columns that are told, by name; none for all"),
     ("memory_limit", "bytes"),
 ];
 

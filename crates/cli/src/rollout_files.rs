@@ -209,7 +209,7 @@ fn flying(record: &Record) -> Panel {
 
 fn returns(record: &Record) -> Panel {
     let spec = record.spec();
-    let mut returns = record.ended(Column::Return.index());
+    let mut returns = record.spec().column(Column::Return).map_or_else(Vec::new, |k| record.ended(k));
     returns.sort_by(|a, b| f32::total_cmp(b, a));
     let n = returns.len() as f64;
     let points = returns.iter().enumerate().map(|(i, r)| (100.0 * (i as f64 + 0.5) / n, f64::from(*r))).collect();

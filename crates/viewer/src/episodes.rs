@@ -164,7 +164,8 @@ impl Episodes {
     /// Tells why an episode ended early.
     fn end(&mut self, i: usize, watched: &Watched<'_>) {
         let Some(recording) = &mut self.recording else { return };
-        let reason = watched.out.info[i * self.spec.info.len() + Column::Reason.index()] as usize;
+        let Some(reason) = self.spec.column(Column::Reason) else { return };
+        let reason = watched.out.info[i * self.spec.info.len() + reason] as usize;
         let name =
             reason.checked_sub(1).and_then(|k| self.spec.ends.get(k)).map_or("diverged", |end| end.name.as_str());
         let why = format!("episode {i} ended: {}", name.replace('_', " "));

@@ -5,7 +5,6 @@ use super::programs::Scratch;
 use super::residual::Lead;
 use super::restart::Draft;
 use super::sensing::{Senses, Sensors};
-use super::spec::Column;
 use crate::autodiff::program::BLOCK;
 use crate::dynamics::batch::{Block, Culprit};
 use crate::tasks::task::TaskReference;
@@ -34,8 +33,6 @@ pub(crate) mod episode_state {
     pub(crate) const CLIPPED: usize = 8;
     /// Why the episode terminated: 0 not, n the n-th reason, one more than there are: diverged.
     pub(crate) const REASON: usize = 9;
-    /// Rows that are told as they are.
-    pub(crate) const INFO: std::ops::Range<usize> = RETURN..TERMS;
     /// Sums of the reward's terms follow, then, where a success must hold for a while, the steps that it has.
     pub(crate) const TERMS: usize = 10;
 }
@@ -48,6 +45,8 @@ pub(crate) struct Sizes {
     pub hold: usize,
     pub end: usize,
     pub metric: usize,
+    /// Columns of the information that are told.
+    pub info: usize,
     pub goal: usize,
     pub task_state: usize,
     /// Numbers of the physics that vary.
@@ -90,11 +89,6 @@ impl Sizes {
     /// Row of the steps that a success has held.
     pub(crate) fn held_row(&self) -> usize {
         episode_state::TERMS + self.term
-    }
-
-    /// Numbers of the information of one environment.
-    pub(crate) fn info(&self) -> usize {
-        Column::ALL.len() + self.term + self.metric
     }
 }
 
@@ -177,8 +171,6 @@ pub(crate) mod signal {
     pub(crate) const REWARD: usize = 0;
     pub(crate) const SUCCESS: usize = 1;
     pub(crate) const LOSS: usize = 2;
-    /// Rows that are told as they are.
-    pub(crate) const INFO: std::ops::Range<usize> = SUCCESS..DUE;
     pub(crate) const DUE: usize = 3;
     pub(crate) const TERMINATED: usize = 4;
     pub(crate) const TRUNCATED: usize = 5;

@@ -243,7 +243,7 @@ fn final_observation(maker: &Maker<'_>) -> Result<Option<String>> {
 fn truncates(maker: &Maker<'_>) -> Result<Option<String>> {
     let mut b = maker.bench(Autoreset::SameStep)?;
     let spec = b.env.spec().clone();
-    let (length, width) = (Column::Length.index(), spec.info.len());
+    let (length, width) = (spec.needed_column(Column::Length)?, spec.info.len());
     for t in 0..maker.steps {
         b.random(t)?;
         for i in 0..spec.n_env {
@@ -259,6 +259,7 @@ fn truncates(maker: &Maker<'_>) -> Result<Option<String>> {
 fn accounts(maker: &Maker<'_>) -> Result<Option<String>> {
     let mut b = maker.bench(Autoreset::SameStep)?;
     let spec = b.env.spec().clone();
+    let (total, length) = (spec.needed_column(Column::Return)?, spec.needed_column(Column::Length)?);
     let width = spec.info.len();
     let (mut returns, mut lengths) = (vec![0.0_f32; spec.n_env], vec![0.0_f32; spec.n_env]);
     for t in 0..maker.steps {
@@ -268,12 +269,9 @@ fn accounts(maker: &Maker<'_>) -> Result<Option<String>> {
             returns[i] += b.out.reward[i * spec.n_agent];
             lengths[i] += 1.0;
             let row = &b.out.info[i * width..];
-            if (row[0], row[1]) != (returns[i], lengths[i]) {
-                return Ok(Some(format!(
-                    "environment {i}, step {t}: {:?} told, not {:?}",
-                    &row[..2],
-                    (returns[i], lengths[i])
-                )));
+            let (told, wanted) = ((row[total], row[length]), (returns[i], lengths[i]));
+            if told != wanted {
+                return Ok(Some(format!("environment {i}, step {t}: {told:?} told, not {wanted:?}")));
             }
             if ended[i] {
                 (returns[i], lengths[i]) = (0.0, 0.0);
@@ -321,7 +319,7 @@ fn survives(maker: &Maker<'_>) -> Result<Option<String>> {
     let mut b = maker.bench(Autoreset::SameStep)?;
     let hostile = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e38, -1e38, 1e-40, 7.0, -7.0];
     let spec = b.env.spec().clone();
-    let (clipped, width) = (Column::Clipped.index(), spec.info.len());
+    let (clipped, width) = (spec.needed_column(Column::Clipped)?, spec.info.len());
     let n = b.actions.len() / spec.n_env;
     let fits = |a: &f32| match spec.action {
         Space::Box { low, high, .. } => (low..=high).contains(a),

@@ -7,6 +7,7 @@ use super::programs::Programs;
 use super::residual::Residual;
 use super::restart::Draft;
 use super::sensing::Sensing;
+use super::told::Told;
 use super::transition::{StepLayout, transition};
 use crate::autodiff::{Program, Recording, Scalar, Trace};
 use crate::dynamics::batch::Plant;
@@ -40,6 +41,8 @@ pub(crate) struct Core {
     pub limits: Vec<(usize, f32)>,
     pub sizes: Sizes,
     pub layout: EnvLayout,
+    /// What is told of an episode.
+    pub told: Told,
     pub pipeline: Pipeline,
     pub randomiser: Randomiser,
     /// Share of what makes episodes hard, 0 to 1.
@@ -123,7 +126,7 @@ impl Core {
     pub(crate) fn workspace(&self) -> Workspace {
         Workspace {
             rows: Columns::zeros(self.layout.work.count),
-            info: Columns::zeros(self.sizes.info()),
+            info: Columns::zeros(self.sizes.info),
             after: Columns::zeros(self.plant.n_row()),
             scratch: self.programs().scratch(),
             draft: Draft::new(self),

@@ -19,7 +19,7 @@ pub(crate) fn bytes_per_env(plant: &Plant, s: &Sizes) -> usize {
 
 /// Bytes of one environment's rows in [`Buffers`](super::Buffers).
 pub(crate) fn out_bytes(s: &Sizes) -> usize {
-    let floats = 2 * s.agent * s.observation + s.agent + 2 * s.central + s.theta + s.info() + s.action;
+    let floats = 2 * s.agent * s.observation + s.agent + 2 * s.central + s.theta + s.info + s.action;
     floats * size_of::<f32>() + 2
 }
 

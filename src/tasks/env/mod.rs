@@ -17,6 +17,7 @@
 //! | `transform` | noise and statistics of observations |
 //! | `restart` | episodes begin, goals change |
 //! | `sensing` | sensors of the agents |
+//! | `told` | which columns of information there are |
 //! | `rows` | columns of a block into rows of the caller |
 //! | `mask` | sets of environments of a block |
 //! | `normaliser` | statistics of observations: collect, freeze, merge |
@@ -50,6 +51,7 @@ pub(crate) mod spec;
 mod stepper;
 #[cfg(test)]
 mod tests;
+mod told;
 pub(crate) mod transform;
 pub(crate) mod transition;
 
@@ -73,6 +75,7 @@ use self::residual::{Residual, check_reference};
 use self::sensing::Sensing;
 use self::spec::spec_of;
 use self::stepper::Stepper;
+use self::told::Told;
 use self::transition::{config_hash, exposed, ideal_terms, reference};
 use crate::autodiff::lanes::{first_lanes, to_rows};
 use crate::autodiff::program::BLOCK;
@@ -147,6 +150,9 @@ impl Env {
         let drones = task.robot().drones();
         let n_rotor: usize = drones.iter().map(|drone| drone.rotors.len()).sum();
         own.take_off_throttle_change(config.throttle_change, n_rotor as f64 / drones.len() as f64);
+        let told = Told::of(config.info.as_deref(), &own)?;
+        // all by name are all
+        let config = &EnvConfig { info: config.info.clone().filter(|_| !told.is_all()), ..config.clone() };
         let robot = task.robot();
         let randomiser = Randomiser::new(config.changes(), robot)?;
         let mut varied: Vec<usize> = robot.varied().iter().copied().chain(randomiser.varied()).collect();
@@ -168,6 +174,7 @@ impl Env {
             hold: ((own.success.held / config.dt).round() as usize).min(task.horizon()),
             end: own.ends.len(),
             metric: own.metrics.len(),
+            info: told.len(),
             goal: total(&own.goal),
             task_state: total(&own.task_state),
             theta: varied.len(),
@@ -198,7 +205,8 @@ impl Env {
         check_memory(n_env, bytes + out_bytes(&sizes), config.memory_limit)?;
         let speeds = robot.drones().iter().flat_map(|d| d.rotors.iter().map(|r| r.speed)).collect();
         let privileged = theta.into_iter().map(|(name, value, _)| (name, value)).collect();
-        let spec = spec_of(name, config, task.horizon(), &own, &sizes, &pipeline, &control, privileged, bytes);
+        let spec =
+            spec_of(name, config, task.horizon(), &own, &sizes, &pipeline, &control, told.infos(), privileged, bytes);
         let statistics = Statistics::of_nothing(sizes.normalised);
         let rest = robot.rest().to_vec();
         let (limits, hover_input) = (config.bounds.limits(robot.plant()), robot.hover_input());
@@ -209,6 +217,7 @@ impl Env {
             frozen: Arc::default(),
             shared: Columns::zeros(layout.shared.count),
             layout,
+            told,
             programs: OnceLock::new(),
             collects: true,
             delay: (config.delay.min, config.delay.max),

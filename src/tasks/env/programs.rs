@@ -87,8 +87,9 @@ pub(crate) struct Scratch {
     pub frames: Option<Work<[f32; BLOCK]>>,
 }
 
-/// The array of work, behind those of physics and of what is kept: see [`Numbers`].
-const WORK: u8 = 2;
+/// The arrays of what is kept and of work, behind that of physics: see [`Numbers`].
+pub(super) const KEPT: u8 = 1;
+pub(super) const WORK: u8 = 2;
 
 impl Programs {
     pub(crate) fn of(core: &Core) -> Result<Self> {
@@ -154,12 +155,15 @@ impl Programs {
 }
 
 impl RowProgram {
-    /// Records phases. Rows of what is kept are written where they change, those of work where they are `told`.
+    /// Records phases. Rows of what is kept are written where they change, those of work where they are `told`,
+    /// neither where the configuration leaves them out of the information.
     fn of(core: &Core, told: &[Range<usize>], phases: impl FnOnce(&mut Step<'_>)) -> Result<Self> {
         let places = core.places();
+        let left_out = core.told.left_out(&core.sizes, &core.layout);
         let is_told = |place: &Place| match place.array {
+            _ if left_out.contains(place) => false,
             WORK => told.iter().any(|rows| rows.contains(&(place.row as usize))),
-            array => array < WORK,
+            array => array <= KEPT,
         };
         let mut results = Vec::new();
         let recording = Recording::of_lanes(places.len(), |z| {
@@ -180,6 +184,12 @@ impl RowProgram {
     #[cfg(test)]
     pub(super) fn is_same(&self, other: &Self) -> bool {
         Arc::ptr_eq(&self.made, &other.made)
+    }
+
+    /// Operations, and rows that are written.
+    #[cfg(test)]
+    pub(super) fn size(&self) -> (usize, usize) {
+        (self.made.recording.n_operation(), self.made.layout.results().len())
     }
 
     fn scratch(&self) -> Work<[f32; BLOCK]> {

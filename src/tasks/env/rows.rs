@@ -1,6 +1,6 @@
 //! What leaves a block: columns of its environments into rows of the caller's arrays.
 
-use super::block::{Workspace, episode_state, signal};
+use super::block::{Workspace, signal};
 use super::buffers::StepOut;
 use super::stepper::Stepper;
 use crate::autodiff::lanes::to_rows;
@@ -11,7 +11,7 @@ impl Stepper<'_> {
     pub(crate) fn write_signals(&mut self, out: &mut StepOut<'_>) {
         let (n, s, layout) = (self.n(), &self.core.sizes, &self.core.layout);
         let Workspace { rows, info, .. } = &mut *self.work;
-        let (episode, signals) = (&self.block.kept, layout.work.signals.of(rows));
+        let signals = layout.work.signals.of(rows);
         if s.agent == 1 {
             out.reward.copy_from_slice(&signals[signal::REWARD][..n]);
         } else {
@@ -22,16 +22,7 @@ impl Stepper<'_> {
             flags.iter_mut().zip(&signals[of]).for_each(|(flag, x)| *flag = u8::from(*x > 0.5));
         }
         if !out.info.is_empty() {
-            let mut at = 0;
-            for group in [
-                &episode[episode_state::INFO],
-                &signals[signal::INFO],
-                &episode[episode_state::TERMS..][..s.term],
-                layout.work.metrics.of(rows),
-            ] {
-                info[at..at + group.len()].copy_from_slice(group);
-                at += group.len();
-            }
+            self.core.told.write(layout, self.block, rows, info);
             to_rows(info, n, out.info);
         }
     }
@@ -63,7 +54,7 @@ impl Stepper<'_> {
 
     /// A first step: nothing was rewarded, nothing ended.
     pub(crate) fn clear(&self, lane: usize, out: &mut StepOut<'_>) {
-        let (a, n) = (self.core.sizes.agent, self.core.sizes.info());
+        let (a, n) = (self.core.sizes.agent, self.core.sizes.info);
         out.reward[lane * a..(lane + 1) * a].fill(0.0);
         (out.terminated[lane], out.truncated[lane]) = (0, 0);
         if !out.info.is_empty() {

@@ -37,7 +37,8 @@ impl Env {
         bytes
     }
 
-    /// Continues from [`Env::save`]d bytes of an environment with the same configuration.
+    /// Continues from [`Env::save`]d bytes of an environment with the same configuration, but for [`EnvConfig::info`]: sums that were
+    /// left out there are not those of the episode.
     ///
     /// # Errors
     /// [`Error::Format`] for bytes of another configuration or that were damaged, and for numbers that are not finite;
@@ -144,7 +145,7 @@ impl Env {
 
     /// Of everything that decides what saved numbers mean.
     fn fingerprint(&self) -> u64 {
-        let config = EnvConfig { seed: 0, ..self.spec.config.clone() };
+        let config = EnvConfig { seed: 0, info: None, ..self.spec.config.clone() };
         spec::fnv(serde_json::to_string(&(&self.spec.task, config)).unwrap_or_default().as_bytes())
     }
 }

@@ -2,7 +2,7 @@
 
 use super::block::Sizes;
 use super::control::Control;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::reader;
 use crate::tasks::config::{ActionSpace, EnvConfig};
 use crate::tasks::observation::{LEAST_NOMINAL, Pipeline};
@@ -103,21 +103,28 @@ impl Column {
     /// All, in the order of the columns.
     pub const ALL: [Self; 6] = [Self::Return, Self::Length, Self::Clipped, Self::Reason, Self::Success, Self::Loss];
 
-    /// Its place in a row of the information.
-    pub const fn index(self) -> usize {
-        self as usize
+    /// What [`EnvConfig::info`] calls it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Return => "return",
+            Self::Length => "length",
+            Self::Clipped => "clipped",
+            Self::Reason => "reason",
+            Self::Success => "success",
+            Self::Loss => "loss",
+        }
     }
 
-    fn info(self) -> Info {
-        let (name, unit, meaning) = match self {
-            Self::Return => ("return", "-", "sum of rewards"),
-            Self::Length => ("length", "steps", "since the episode began"),
-            Self::Clipped => ("clipped", "-", "numbers of the action that were clipped or not finite"),
-            Self::Reason => ("reason", "-", "why it terminated, counted from 1 as in `ends`"),
-            Self::Success => ("success", "-", "1 where the goal counts as reached"),
-            Self::Loss => ("loss", "-", "training loss of this step"),
+    pub(super) fn info(self) -> Info {
+        let (unit, meaning) = match self {
+            Self::Return => ("-", "sum of rewards"),
+            Self::Length => ("steps", "since the episode began"),
+            Self::Clipped => ("-", "numbers of the action that were clipped or not finite"),
+            Self::Reason => ("-", "why it terminated, counted from 1 as in `ends`"),
+            Self::Success => ("-", "1 where the goal counts as reached"),
+            Self::Loss => ("-", "training loss of this step"),
         };
-        Info { name: name.into(), unit: unit.into(), meaning: meaning.into() }
+        Info { name: self.name().into(), unit: unit.into(), meaning: meaning.into() }
     }
 }
 
@@ -169,7 +176,8 @@ pub struct Spec {
     pub ends: Vec<End>,
     /// When an episode is a success.
     pub success: Success,
-    /// Columns of the information: those of every task ([`Column`]), terms of the reward, the task's figures.
+    /// Columns of the information: those of every task ([`Column`]), terms of the reward, the task's figures; of these those that
+    /// [`EnvConfig::info`] names, in this order.
     pub info: Vec<Info>,
     /// T, steps.
     pub horizon: usize,
@@ -251,19 +259,54 @@ impl Spec {
         (each(|f| f.low), each(|f| f.high))
     }
 
-    /// Columns of the information with the sums of the reward's terms.
+    /// Columns of the information with the sums of the reward's terms, as many of them as are told.
     pub fn term_columns(&self) -> Range<usize> {
-        Column::ALL.len()..Column::ALL.len() + self.reward.len()
+        let first = Column::ALL.into_iter().filter(|column| self.column(*column).is_some()).count();
+        let n = self.reward.iter().filter(|term| self.info_column(&term.column()).is_some()).count();
+        first..first + n
     }
 
-    /// Columns of the information with the task's figures; the first is the error, as a rule.
+    /// Columns of the information with the task's figures, as many of them as are told; the first of all is the error, as a rule.
     pub fn metric_columns(&self) -> Range<usize> {
         self.term_columns().end..self.info.len()
     }
 
-    /// Column of the information called `name`; those of every task are [`Column`]s.
+    /// Column of the information called `name`; none where there is none, or where [`EnvConfig::info`] leaves it out.
     pub fn info_column(&self, name: &str) -> Option<usize> {
         self.info.iter().position(|i| i.name == name)
+    }
+
+    /// A column of the information that every task has; none where [`EnvConfig::info`] leaves it out.
+    pub fn column(&self, column: Column) -> Option<usize> {
+        self.info_column(column.name())
+    }
+
+    /// As [`Spec::column`], for those who cannot do without.
+    ///
+    /// # Errors
+    /// [`Error::Value`] that says what is left out.
+    pub fn needed_column(&self, column: Column) -> Result<usize> {
+        let missing = || {
+            let limit = format!("with '{}' here", column.name());
+            Error::value("info", self.told(), limit, "Name it in `info`, or leave `info` out for all columns.")
+        };
+        self.column(column).ok_or_else(missing)
+    }
+
+    /// Whether all columns of the information are told.
+    ///
+    /// # Errors
+    /// [`Error::Value`] otherwise.
+    pub(crate) fn tells_all(&self) -> Result<()> {
+        if self.config.info.is_none() {
+            return Ok(());
+        }
+        Err(Error::value("info", self.told(), "all columns here", "Leave `info` out."))
+    }
+
+    /// The columns of the information, for people.
+    fn told(&self) -> String {
+        format!("[{}]", self.info.iter().map(|info| info.name.as_str()).collect::<Vec<_>>().join(", "))
     }
 }
 
@@ -290,13 +333,10 @@ pub(crate) fn spec_of(
     s: &Sizes,
     pipeline: &Pipeline,
     control: &Control,
+    info: Vec<Info>,
     privileged: Vec<(String, f64)>,
     bytes_per_env: usize,
 ) -> Spec {
-    let info = |name: String, unit: &str, meaning: &str| Info { name, unit: unit.into(), meaning: meaning.into() };
-    let mut infos: Vec<Info> = Column::ALL.into_iter().map(Column::info).collect();
-    infos.extend(own.reward.iter().map(|t| info(format!("reward_{}", t.name), "-", "sum of this term")));
-    infos.extend(own.metrics.iter().map(|m| info(m.name.clone(), &m.unit, "now")));
     let fields: Vec<Field> = pipeline.fields.clone();
     Spec {
         task: name.into(),
@@ -315,7 +355,7 @@ pub(crate) fn spec_of(
         reward_floor: own.reward_floor(),
         ends: own.ends.clone(),
         success: own.success.clone(),
-        info: infos,
+        info,
         horizon,
         dt: config.dt,
         bytes_per_env,

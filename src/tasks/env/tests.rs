@@ -2,7 +2,7 @@
 
 use super::block::episode_state;
 use super::*;
-use crate::tasks::config::MAX_HORIZON;
+use crate::tasks::config::{Autoreset, MAX_HORIZON};
 
 fn hover(n_env: usize, horizon: usize) -> Env {
     let mut config = EnvConfig { n_env, ..EnvConfig::default() };
@@ -91,4 +91,119 @@ fn environments_of_a_kind_share_their_programs_and_others_do_not() {
     let (first, second, other) = (hover(1, 50), hover(70, 50), hover(1, 51));
     let shares = |other: &Env| first.core.programs().step.is_same(&other.core.programs().step);
     assert!(shares(&second) && !shares(&other)); // the clock is a share of the horizon
+}
+
+/// Seventy environments that tell these columns.
+fn telling(task: &str, info: Option<&[&str]>, more: &str) -> Env {
+    let info = info.map(|names| names.iter().map(|name| (*name).into()).collect());
+    let config = EnvConfig { info, ..EnvConfig::from_toml(more, "more").unwrap() };
+    Env::make(task, &EnvConfig { n_env: 70, seed: 4, stagger: true, ..config }).unwrap()
+}
+
+/// A column by its name.
+fn told(env: &Env, out: &Buffers, name: &str) -> Vec<u32> {
+    let k = env.spec().info_column(name).unwrap();
+    out.info.chunks_exact(env.spec().info.len()).map(|row| row[k].to_bits()).collect()
+}
+
+#[test]
+fn columns_that_are_left_out_change_no_bit_of_what_is_told() {
+    // a success that holds for a while, a state of the task, a team, actions that host code decodes
+    let discrete = "actions = { kind = 'multi_discrete', levels = 3 }";
+    for (task, more) in [("Hover", ""), ("Hover", discrete), ("Track", "delay = { max = 2 }"), ("Formation", "")] {
+        let all = telling(task, None, more);
+        let metric = all.spec().info.last().unwrap().name.clone();
+        let term = all.spec().reward[0].column();
+        for names in [&[][..], &["length"], &[&metric, "success"], &["loss", &term, "return", "clipped"], &["reason"]] {
+            let (mut all, mut some) = (telling(task, None, more), telling(task, Some(names), more));
+            let (mut a, mut b) = (Buffers::new(all.spec()), Buffers::new(some.spec()));
+            all.reset(None, None, &mut a.out()).unwrap();
+            some.reset(None, None, &mut b.out()).unwrap();
+            let mut actions = vec![0.0; 70 * all.core.sizes.action];
+            for t in 0..30 {
+                all.sample(t, &mut actions);
+                all.step(&actions, &mut a.out()).unwrap();
+                some.step(&actions, &mut b.out()).unwrap();
+                for name in names {
+                    assert_eq!(told(&some, &b, name), told(&all, &a, name), "{task}, {name}, step {t}");
+                }
+                let b = Buffers { info: a.info.clone(), ..b.clone() };
+                assert!(a == b, "{task} with {names:?} differs in step {t}");
+            }
+        }
+    }
+}
+
+#[test]
+fn columns_that_are_left_out_are_neither_computed_nor_written() {
+    let size = |info: Option<&[&str]>| telling("Hover", info, "").core.programs().step.size();
+    let names: Vec<String> = telling("Hover", None, "").spec().info.iter().map(|info| info.name.clone()).collect();
+    let all: Vec<&str> = names.iter().map(String::as_str).collect();
+    let (whole, none) = (size(None), size(Some(&[])));
+    // steps are counted and reasons are kept, whoever is told of them
+    assert_eq!(whole.1 - none.1, all.len() - 2);
+    assert!(none.0 + 60 < whole.0, "{none:?} of {whole:?}");
+    for k in 0..all.len() {
+        let others: Vec<&str> = all.iter().copied().filter(|name| *name != all[k]).collect();
+        let left = size(Some(&others));
+        assert!(
+            left.0 <= whole.0 && left.1 + usize::from(!["length", "reason"].contains(&all[k])) == whole.1,
+            "{}",
+            all[k]
+        );
+    }
+    assert_eq!(size(Some(&all)), whole);
+}
+
+#[test]
+fn columns_stand_in_their_order_and_one_that_there_is_not_is_told_with_those_that_there_are() {
+    let env = telling("Hover", Some(&["position_error", "success", "return", "success"]), "");
+    let names: Vec<&str> = env.spec().info.iter().map(|info| info.name.as_str()).collect();
+    assert_eq!(names, ["return", "success", "position_error"]);
+    assert_eq!((env.spec().term_columns(), env.spec().metric_columns()), (2..2, 2..3));
+    assert_eq!(env.spec().column(Column::Success), Some(1));
+    let refusal = env.spec().needed_column(Column::Loss).unwrap_err().to_string();
+    assert_eq!(
+        refusal,
+        "info is [return, success, position_error], but it must be with 'loss' here. Name it in `info`, or leave `info` out for all columns."
+    );
+    let config = EnvConfig { info: Some(vec!["returns".into()]), ..EnvConfig::default() };
+    let refusal = Env::make("Hover", &config).unwrap_err().to_string();
+    assert!(
+        refusal.starts_with("no column of the information is called 'returns' (did you mean 'return'?)"),
+        "{refusal}"
+    );
+    assert!(refusal.contains("position_error"), "{refusal}");
+}
+
+#[test]
+fn a_state_goes_on_where_other_columns_are_told() {
+    let (mut all, mut none) = (telling("Hover", None, ""), telling("Hover", Some(&[]), ""));
+    let (mut a, mut b) = (Buffers::new(all.spec()), Buffers::new(none.spec()));
+    all.reset(None, None, &mut a.out()).unwrap();
+    none.reset(None, None, &mut b.out()).unwrap();
+    let actions = vec![0.1; 4 * 70];
+    for _ in 0..5 {
+        all.step(&actions, &mut a.out()).unwrap();
+    }
+    none.load(&all.save()).unwrap();
+    for _ in 0..5 {
+        all.step(&actions, &mut a.out()).unwrap();
+        none.step(&actions, &mut b.out()).unwrap();
+        assert!(a.observation == b.observation && a.reward == b.reward);
+    }
+    all.load(&none.save()).unwrap();
+    assert!(b.info.is_empty());
+}
+
+#[test]
+fn evaluations_ask_for_all_columns() {
+    let config = EnvConfig { n_env: 2, autoreset: Autoreset::Disabled, info: Some(Vec::new()), ..EnvConfig::default() };
+    let fly = |config: &EnvConfig| {
+        let mut env = Env::make("Hover", config).unwrap();
+        crate::tasks::evaluate(&mut env, &mut |_, _, actions| Ok(actions.fill(f32::NAN)), &mut |_| {})
+    };
+    let refusal = fly(&config).unwrap_err().to_string();
+    assert_eq!(refusal, "info is [], but it must be all columns here. Leave `info` out.");
+    assert!(fly(&config.whole_episodes()).is_ok());
 }
