@@ -1,7 +1,8 @@
 //! Between columns of a block and rows of the caller, and from rows of zeros and ones to bits: what crosses lanes.
 //!
-//! With AVX2, eight environments by four numbers are transposed in registers at a time: number by number, the rows of a step
-//! took as long as half its physics.
+//! With AVX2, four environments by eight numbers are transposed in registers at a time (eight by four on the way into columns): number
+//! by number, the rows of a step took as long as half its physics. Stores are what rows cost: those of eight numbers are half as many
+//! as those of four, and cross few lines more.
 
 use super::BLOCK;
 
@@ -13,12 +14,39 @@ pub(crate) fn ones(row: &[f32; BLOCK]) -> u64 {
 
 /// Columns of up to sixty-four environments into rows; nothing where the rows were left out.
 pub(crate) fn to_rows(columns: &[[f32; BLOCK]], n_env: usize, rows: &mut [f32]) {
-    if columns.is_empty() || rows.is_empty() {
+    if columns.len() < avx2::WIDE {
+        return gather_rows(columns.len(), |k| &columns[k], n_env, rows);
+    }
+    if rows.is_empty() {
         return;
     }
     let rows = &mut rows[..n_env * columns.len()];
     for lane in avx2::to_rows(columns, rows)..n_env {
         rows[lane * columns.len()..].iter_mut().zip(columns).for_each(|(x, column)| *x = column[lane]);
+    }
+}
+
+/// As [`to_rows`] of `width` columns that lie apart.
+pub(crate) fn gather_rows<'a>(
+    width: usize,
+    column: impl Fn(usize) -> &'a [f32; BLOCK],
+    n_env: usize,
+    rows: &mut [f32],
+) {
+    if width == 0 || rows.is_empty() {
+        return;
+    }
+    let rows = &mut rows[..n_env * width];
+    let (mut next, mut done) = (0, 0);
+    while next < width {
+        // the last columns reach back into those before; where there are fewer than eight, the last one stands for those missing
+        let first = next.min(width.saturating_sub(avx2::WIDE));
+        let eight = std::array::from_fn(|i| column((first + i).min(width - 1)));
+        done = avx2::eight_to_rows(eight, first, width, rows);
+        next += avx2::WIDE;
+    }
+    for lane in done..n_env {
+        rows[lane * width..(lane + 1) * width].iter_mut().enumerate().for_each(|(k, x)| *x = column(k)[lane]);
     }
 }
 
@@ -41,10 +69,10 @@ mod avx2 {
     use pulp::{Arch, Simd, WithSimd, cast};
     use std::arch::x86_64::__m256;
 
-    /// Numbers of a tile.
+    /// Of a tile, which is this by twice this.
     const SIDE: usize = 4;
-    /// Environments of a tile.
-    const HIGH: usize = 2 * SIDE;
+    /// Numbers that are stored at once.
+    pub(super) const WIDE: usize = 2 * SIDE;
 
     fn token() -> Option<V3> {
         if matches!(arch(), Arch::Scalar) { None } else { V3::try_new() }
@@ -56,9 +84,15 @@ mod avx2 {
 
     pub(super) fn to_rows(columns: &[[f32; BLOCK]], rows: &mut [f32]) -> usize {
         match token() {
-            Some(v3) if columns.len() >= SIDE => Simd::vectorize(v3, ToRows { v3, columns, rows }),
+            Some(v3) if columns.len() >= WIDE => Simd::vectorize(v3, ToRows { v3, columns, rows }),
             _ => 0,
         }
+    }
+
+    /// Numbers `first` … of rows that have `width`. Those of rows that have fewer than eight run over into the next row, which comes
+    /// after.
+    pub(super) fn eight_to_rows(columns: [&[f32; BLOCK]; WIDE], first: usize, width: usize, rows: &mut [f32]) -> usize {
+        token().map_or(0, |v3| Simd::vectorize(v3, EightToRows { v3, columns, first, width, rows }))
     }
 
     pub(super) fn to_columns(rows: &[f32], columns: &mut [[f32; BLOCK]]) -> usize {
@@ -81,7 +115,7 @@ mod avx2 {
 
     /// The transposes of the lower halves and of the upper halves.
     #[inline(always)]
-    fn transposed(v3: V3, x: [[f32; HIGH]; SIDE]) -> [[f32; HIGH]; SIDE] {
+    fn transposed(v3: V3, x: [[f32; WIDE]; SIDE]) -> [[f32; WIDE]; SIDE] {
         let avx = v3.avx;
         let [a, b, c, d]: [__m256; SIDE] = [cast(x[0]), cast(x[1]), cast(x[2]), cast(x[3])];
         let (ab, cd) = (avx._mm256_unpacklo_ps(a, b), avx._mm256_unpacklo_ps(c, d));
@@ -106,29 +140,62 @@ mod avx2 {
         fn with_simd<S: Simd>(self, _: S) -> usize {
             let Self { v3, columns, mut rows } = self;
             let (width, mut lane) = (columns.len(), 0);
-            while lane < BLOCK && rows.len() >= HIGH * width {
-                // cut before the loop, so that one bound holds for all eight
-                let mut eight: [&mut [f32]; HIGH] = Default::default();
-                for i in 0..HIGH {
-                    (eight[i], rows) = rows.split_at_mut(width);
+            while lane < BLOCK && rows.len() >= SIDE * width {
+                // cut before the loop, so that one bound holds for all four
+                let mut four: [&mut [f32]; SIDE] = Default::default();
+                for i in 0..SIDE {
+                    (four[i], rows) = rows.split_at_mut(width);
                 }
                 let mut next = 0;
                 while next < width {
                     // the last tile reaches back into the one before
-                    let k = next.min(width - SIDE);
-                    let tile = &columns[k..k + SIDE];
-                    let mut x = [[0.0; HIGH]; SIDE];
+                    let k = next.min(width - WIDE);
+                    let tile = &columns[k..k + WIDE];
+                    let mut x = [[0.0; WIDE]; SIDE];
                     for i in 0..SIDE {
-                        x[i] = *chunk(&tile[i][lane..]);
+                        *chunk_mut(&mut x[i]) = *chunk::<SIDE>(&tile[i][lane..]);
+                        *chunk_mut(&mut x[i][SIDE..]) = *chunk::<SIDE>(&tile[SIDE + i][lane..]);
                     }
                     let x = transposed(v3, x);
                     for i in 0..SIDE {
-                        *chunk_mut(&mut eight[i][k..]) = *chunk::<SIDE>(&x[i]);
-                        *chunk_mut(&mut eight[SIDE + i][k..]) = *chunk::<SIDE>(&x[i][SIDE..]);
+                        *chunk_mut(&mut four[i][k..]) = x[i];
                     }
-                    next += SIDE;
+                    next += WIDE;
                 }
-                lane += HIGH;
+                lane += SIDE;
+            }
+            lane
+        }
+    }
+
+    struct EightToRows<'a> {
+        v3: V3,
+        columns: [&'a [f32; BLOCK]; WIDE],
+        first: usize,
+        width: usize,
+        rows: &'a mut [f32],
+    }
+
+    impl WithSimd for EightToRows<'_> {
+        type Output = usize;
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, _: S) -> usize {
+            let Self { v3, columns, first, width, rows } = self;
+            let mut lane = 0;
+            while lane < BLOCK {
+                let Some(group) = rows.get_mut(lane * width + first..(lane + SIDE - 1) * width + first + WIDE) else {
+                    break;
+                };
+                let mut x = [[0.0; WIDE]; SIDE];
+                for i in 0..SIDE {
+                    *chunk_mut(&mut x[i]) = *chunk::<SIDE>(&columns[i][lane..]);
+                    *chunk_mut(&mut x[i][SIDE..]) = *chunk::<SIDE>(&columns[SIDE + i][lane..]);
+                }
+                let x = transposed(v3, x);
+                for i in 0..SIDE {
+                    *chunk_mut(&mut group[i * width..]) = x[i];
+                }
+                lane += SIDE;
             }
             lane
         }
@@ -145,16 +212,19 @@ mod avx2 {
         #[inline(always)]
         fn with_simd<S: Simd>(self, _: S) -> usize {
             let Self { v3, mut rows, columns } = self;
+            if let Ok(columns) = <&mut [[f32; BLOCK]; SIDE]>::try_from(&mut *columns) {
+                return four_to_columns(v3, rows, columns);
+            }
             let (width, mut lane) = (columns.len(), 0);
-            while lane < BLOCK && rows.len() >= HIGH * width {
-                let mut eight: [&[f32]; HIGH] = Default::default();
-                for i in 0..HIGH {
+            while lane < BLOCK && rows.len() >= WIDE * width {
+                let mut eight: [&[f32]; WIDE] = Default::default();
+                for i in 0..WIDE {
                     (eight[i], rows) = rows.split_at(width);
                 }
                 let mut next = 0;
                 while next < width {
                     let k = next.min(width - SIDE);
-                    let mut x = [[0.0; HIGH]; SIDE];
+                    let mut x = [[0.0; WIDE]; SIDE];
                     for i in 0..SIDE {
                         *chunk_mut(&mut x[i]) = *chunk::<SIDE>(&eight[i][k..]);
                         *chunk_mut(&mut x[i][SIDE..]) = *chunk::<SIDE>(&eight[SIDE + i][k..]);
@@ -166,10 +236,30 @@ mod avx2 {
                     }
                     next += SIDE;
                 }
-                lane += HIGH;
+                lane += WIDE;
             }
             lane
         }
+    }
+
+    /// Of rows of four numbers, which most actions are: nothing is left to check in the loop, which took half of its time.
+    #[inline(always)]
+    fn four_to_columns(v3: V3, rows: &[f32], columns: &mut [[f32; BLOCK]; SIDE]) -> usize {
+        let (tiles, mut lane) = (rows.as_chunks::<{ SIDE * WIDE }>().0, 0);
+        while lane < BLOCK && lane / WIDE < tiles.len() {
+            let tile = &tiles[lane / WIDE];
+            let mut x = [[0.0; WIDE]; SIDE];
+            for i in 0..SIDE {
+                *chunk_mut(&mut x[i]) = *chunk::<SIDE>(&tile[i * SIDE..]);
+                *chunk_mut(&mut x[i][SIDE..]) = *chunk::<SIDE>(&tile[(SIDE + i) * SIDE..]);
+            }
+            let x = transposed(v3, x);
+            for i in 0..SIDE {
+                columns[i].as_chunks_mut::<WIDE>().0[lane / WIDE] = x[i];
+            }
+            lane += WIDE;
+        }
+        lane
     }
 
     struct Ones<'a> {
@@ -184,9 +274,9 @@ mod avx2 {
             let (avx, row) = (self.v3.avx, self.row);
             let half = avx._mm256_set1_ps(0.5);
             let mut mask = 0;
-            for lane in (0..BLOCK).step_by(HIGH) {
+            for lane in (0..BLOCK).step_by(WIDE) {
                 // 0x1E: greater, false for NaN, without a signal
-                let greater = avx._mm256_cmp_ps::<0x1E>(cast(*chunk::<HIGH>(&row[lane..])), half);
+                let greater = avx._mm256_cmp_ps::<0x1E>(cast(*chunk::<WIDE>(&row[lane..])), half);
                 mask |= (avx._mm256_movemask_ps(greater) as u64 & 0xFF) << lane;
             }
             mask
@@ -202,7 +292,13 @@ mod avx2 {
         None
     }
 
+    pub(super) const WIDE: usize = 8;
+
     pub(super) fn to_rows(_: &[[f32; BLOCK]], _: &mut [f32]) -> usize {
+        0
+    }
+
+    pub(super) fn eight_to_rows(_: [&[f32; BLOCK]; WIDE], _: usize, _: usize, _: &mut [f32]) -> usize {
         0
     }
 
@@ -223,8 +319,8 @@ mod tests {
 
     #[test]
     fn rows_and_columns_are_transposes_of_any_size_with_and_without_registers() {
-        for n_env in [1, 7, 8, 9, 31, 63, 64] {
-            for width in [1, 3, 4, 5, 8, 14, 30, 67] {
+        for n_env in [1, 2, 3, 4, 5, 7, 8, 9, 31, 60, 62, 63, 64] {
+            for width in [1, 2, 3, 4, 5, 6, 7, 8, 9, 14, 15, 16, 30, 67] {
                 let rows = numbers(n_env * width);
                 for set in [Set::Avx512, Set::OneLane] {
                     let (mut columns, mut back) = (vec![[-1.0; BLOCK]; width], vec![0.0; rows.len()]);
@@ -233,6 +329,9 @@ mod tests {
                         to_rows(&columns, n_env, &mut back);
                     });
                     assert_eq!(back, rows, "{n_env} × {width} with {set:?}");
+                    back.fill(0.0);
+                    with_set(set, || gather_rows(width, |k| &columns[k], n_env, &mut back));
+                    assert_eq!(back, rows, "{n_env} × {width}, gathered, with {set:?}");
                     for (k, column) in columns.iter().enumerate() {
                         let wanted = |lane: usize| if lane < n_env { rows[lane * width + k] } else { -1.0 };
                         assert!((0..BLOCK).all(|lane| column[lane] == wanted(lane)), "{n_env} × {width} with {set:?}");
