@@ -17,7 +17,7 @@
 
 mod tiles;
 
-pub(crate) use tiles::{ones, to_columns, to_rows};
+pub(crate) use tiles::{gather_rows, ones, to_columns, to_rows};
 
 use super::columns::{BLOCK, LINE};
 use super::custom::{Operation, Scratch};

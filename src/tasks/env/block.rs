@@ -154,8 +154,6 @@ impl EnvBlock {
 pub(crate) struct Workspace {
     /// As [`Working`](super::layout::Working) says.
     pub rows: Columns,
-    /// What is told, in order.
-    pub info: Columns,
     /// Where a step leads that a simulation does not survive.
     pub after: Columns,
     pub scratch: Scratch,

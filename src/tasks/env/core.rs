@@ -126,7 +126,6 @@ impl Core {
     pub(crate) fn workspace(&self) -> Workspace {
         Workspace {
             rows: Columns::zeros(self.layout.work.count),
-            info: Columns::zeros(self.sizes.info),
             after: Columns::zeros(self.plant.n_row()),
             scratch: self.programs().scratch(),
             draft: Draft::new(self),

@@ -216,8 +216,8 @@ impl Env {
             statistics: statistics.clone(),
             frozen: Arc::default(),
             shared: Columns::zeros(layout.shared.count),
+            told: told.placed(&layout),
             layout,
-            told,
             programs: OnceLock::new(),
             collects: true,
             delay: (config.delay.min, config.delay.max),
@@ -377,7 +377,7 @@ impl Env {
             while !part.blocks.is_empty() {
                 let (mut one, rest) = crate::parallel::Divide::divide(part, 1);
                 let (block, first) = (&mut one.blocks[0], one.first * BLOCK);
-                let block = Stepper { core, block, work: &mut own, first, actions: one.actions, running: 0, ended: 0 };
+                let block = Stepper::new(core, block, &mut own, first, one.actions);
                 each(block, &mut one.out, one.tape);
                 part = rest;
             }

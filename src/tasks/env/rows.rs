@@ -1,30 +1,27 @@
 //! What leaves a block: columns of its environments into rows of the caller's arrays.
 
-use super::block::{Workspace, signal};
+use super::block::signal;
 use super::buffers::StepOut;
+use super::mask::lanes_of;
 use super::stepper::Stepper;
 use crate::autodiff::lanes::to_rows;
 use crate::autodiff::program::BLOCK;
 
 impl Stepper<'_> {
     /// Reward, flags and information of every environment.
-    pub(crate) fn write_signals(&mut self, out: &mut StepOut<'_>) {
+    pub(crate) fn write_signals(&self, out: &mut StepOut<'_>) {
         let (n, s, layout) = (self.n(), &self.core.sizes, &self.core.layout);
-        let Workspace { rows, info, .. } = &mut *self.work;
-        let signals = layout.work.signals.of(rows);
+        let rows = &self.work.rows;
+        let reward = &layout.work.signals.of(rows)[signal::REWARD];
         if s.agent == 1 {
-            out.reward.copy_from_slice(&signals[signal::REWARD][..n]);
+            out.reward.copy_from_slice(&reward[..n]);
         } else {
-            let rows = out.reward.chunks_exact_mut(s.agent).zip(&signals[signal::REWARD]);
+            let rows = out.reward.chunks_exact_mut(s.agent).zip(reward);
             rows.for_each(|(row, reward)| row.fill(*reward));
         }
-        for (flags, of) in [(&mut out.terminated, signal::TERMINATED), (&mut out.truncated, signal::TRUNCATED)] {
-            flags.iter_mut().zip(&signals[of]).for_each(|(flag, x)| *flag = u8::from(*x > 0.5));
-        }
-        if !out.info.is_empty() {
-            self.core.told.write(layout, self.block, rows, info);
-            to_rows(info, n, out.info);
-        }
+        write_flags(self.terminated, out.terminated);
+        write_flags(self.truncated, out.truncated);
+        self.core.told.write(self.block, rows, out.info);
     }
 
     /// What the next actions answer to.
@@ -75,6 +72,12 @@ impl Stepper<'_> {
     fn theta(&self) -> &[[f32; BLOCK]] {
         self.core.layout.kept.theta.of(&self.block.kept)
     }
+}
+
+/// Flags of a block's environments; most steps have none.
+fn write_flags(lanes: u64, flags: &mut [u8]) {
+    flags.fill(0);
+    lanes_of(lanes).for_each(|lane| flags[lane] = 1);
 }
 
 /// One environment's row of an array that may have been left out.

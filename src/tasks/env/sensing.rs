@@ -375,7 +375,7 @@ impl Env {
         let (core, mut own) = (&self.core, self.core.workspace());
         for (i, block) in self.blocks.iter_mut().enumerate() {
             let (work, first) = (&mut own, i * BLOCK);
-            let mut stepper = Stepper { core, block, work, first, actions: &[], running: 0, ended: 0 };
+            let mut stepper = Stepper::new(core, block, work, first, &[]);
             (0..stepper.n()).for_each(|lane| stepper.look_around(lane));
         }
     }

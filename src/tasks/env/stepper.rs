@@ -24,6 +24,21 @@ pub(crate) struct Stepper<'a> {
     /// Environments whose episode runs at the start of the step, and those of them where it ends in it.
     pub running: u64,
     pub ended: u64,
+    /// Environments whose flags say so behind the step, also where their episode had ended before.
+    pub terminated: u64,
+    pub truncated: u64,
+}
+
+impl<'a> Stepper<'a> {
+    pub(crate) fn new(
+        core: &'a Core,
+        block: &'a mut EnvBlock,
+        work: &'a mut Workspace,
+        first: usize,
+        actions: &'a [f32],
+    ) -> Self {
+        Self { core, block, work, first, actions, running: 0, ended: 0, terminated: 0, truncated: 0 }
+    }
 }
 
 impl Stepper<'_> {
@@ -175,7 +190,10 @@ impl Stepper<'_> {
         self.settle();
         self.sense_after(self.running);
         let signals = core.layout.work.signals.of(&self.work.rows);
-        self.ended = (ones(&signals[signal::TERMINATED]) | ones(&signals[signal::TRUNCATED])) & self.running;
+        let real = first_lanes(n);
+        self.terminated = ones(&signals[signal::TERMINATED]) & real;
+        self.truncated = ones(&signals[signal::TRUNCATED]) & real;
+        self.ended = (self.terminated | self.truncated) & self.running;
         let due = ones(&signals[signal::DUE]) & self.running & !self.ended;
         // the reward was for the old goal, the next action is for the new one
         if due != 0 {

@@ -4,6 +4,7 @@ use super::block::{EnvBlock, Sizes, episode_state, signal};
 use super::layout::EnvLayout;
 use super::programs::{KEPT, WORK};
 use super::spec::{Column, Info};
+use crate::autodiff::lanes::gather_rows;
 use crate::autodiff::native::Place;
 use crate::autodiff::program::BLOCK;
 use crate::error::{Error, Result};
@@ -53,6 +54,8 @@ impl Source {
 pub(crate) struct Told {
     chosen: Vec<(Info, Source)>,
     left_out: Vec<Source>,
+    /// Of those that are chosen.
+    places: Vec<Place>,
 }
 
 impl Told {
@@ -69,13 +72,22 @@ impl Told {
         }));
         let metrics = own.metrics.iter().enumerate();
         all.extend(metrics.map(|(k, m)| (info(m.name.clone(), &m.unit, "now"), Source::Metric(k))));
-        let Some(names) = names else { return Ok(Self { chosen: all, left_out: Vec::new() }) };
+        let Some(names) = names else {
+            return Ok(Self { chosen: all, left_out: Vec::new(), places: Vec::new() });
+        };
         if let Some(name) = names.iter().find(|name| all.iter().all(|(info, _)| info.name != **name)) {
             let known = all.into_iter().map(|(info, _)| info.name).collect();
             return Err(Error::Unknown { kind: "column of the information", name: name.clone(), known });
         }
         let (chosen, left_out): (Vec<_>, Vec<_>) = all.into_iter().partition(|(info, _)| names.contains(&info.name));
-        Ok(Self { chosen, left_out: left_out.into_iter().map(|(_, source)| source).collect() })
+        let left_out = left_out.into_iter().map(|(_, source)| source).collect();
+        Ok(Self { chosen, left_out, places: Vec::new() })
+    }
+
+    /// Where all lies as the layout says.
+    pub(crate) fn placed(mut self, layout: &EnvLayout) -> Self {
+        self.places = self.chosen.iter().map(|(_, source)| source.place(layout)).collect();
+        self
     }
 
     /// Whether that is all there are.
@@ -100,11 +112,12 @@ impl Told {
         own.chain(held).map(|source| source.place(layout)).collect()
     }
 
-    /// The numbers of a block, column by column.
-    pub(crate) fn write(&self, layout: &EnvLayout, block: &EnvBlock, work: &[[f32; BLOCK]], to: &mut [[f32; BLOCK]]) {
-        for (to, (_, source)) in to.iter_mut().zip(&self.chosen) {
-            let place = source.place(layout);
-            *to = if place.array == WORK { work } else { &block.kept }[place.row as usize];
-        }
+    /// Numbers of a block, row by row; nothing where the rows were left out.
+    pub(crate) fn write(&self, block: &EnvBlock, work: &[[f32; BLOCK]], rows: &mut [f32]) {
+        let column = |k: usize| {
+            let Place { array, row } = self.places[k];
+            &(if array == WORK { work } else { &block.kept })[row as usize]
+        };
+        gather_rows(self.places.len(), column, block.plant.occupied, rows);
     }
 }
