@@ -201,7 +201,11 @@ fn evaluations_ask_for_all_columns() {
     let config = EnvConfig { n_env: 2, autoreset: Autoreset::Disabled, info: Some(Vec::new()), ..EnvConfig::default() };
     let fly = |config: &EnvConfig| {
         let mut env = Env::make("Hover", config).unwrap();
-        crate::tasks::evaluate(&mut env, &mut |_, _, actions| Ok(actions.fill(f32::NAN)), &mut |_| {})
+        let safe = &mut |_: &Env, _: &Buffers, actions: &mut [f32]| {
+            actions.fill(f32::NAN);
+            Ok(())
+        };
+        crate::tasks::evaluate(&mut env, safe, &mut |_| {})
     };
     let refusal = fly(&config).unwrap_err().to_string();
     assert_eq!(refusal, "info is [], but it must be all columns here. Leave `info` out.");
