@@ -30,7 +30,7 @@ fn way(view: &View) -> [Trace; 3] {
     sub(view.goal.array(0), view.drone(0).position)
 }
 
-fn set_beacon(start: &mut Start<'_>, beacon: [f64; 3]) {
+fn set_beacon(start: &mut Start<'_>, beacon: [impl Into<Trace>; 3]) {
     start.goal.field("beacon", "m, world", "where it stands").array(beacon);
 }
 

@@ -18,15 +18,11 @@ mod chacha;
 mod normal;
 mod normals;
 mod numbers;
-#[allow(dead_code, reason = "for starts of episodes")]
 mod words;
 
-pub(crate) use normal::normal;
+pub(crate) use normal::{ln, normal};
 pub(crate) use normals::{NORMAL_WORDS, normals};
-#[allow(unused_imports, reason = "for starts of episodes")]
-pub(crate) use numbers::to_f32_below_one;
-pub(crate) use numbers::{below, unit};
-#[allow(unused_imports, reason = "for starts of episodes")]
+pub(crate) use numbers::{below, to_f32_below_one, unit};
 pub(crate) use words::{Words, blocks};
 
 use rand_chacha::ChaCha8Rng;

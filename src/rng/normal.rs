@@ -34,7 +34,7 @@ const LN: [f64; 7] = [
 ///
 /// Exponent and mantissa are split so that the mantissa 1 + f lies in [√½, √2); s = f/(2 + f) makes of its logarithm an odd series.
 #[inline(always)]
-fn ln(x: f64) -> f64 {
+pub(crate) fn ln(x: f64) -> f64 {
     let shifted = x.to_bits().wrapping_add(ONE - SQRT_HALF);
     // behind the exponent of 2⁵², a small integer is a number
     let exponent = f64::from_bits((shifted >> 52) | (1075 << 52)) - ((1_u64 << 52) + 1023) as f64;

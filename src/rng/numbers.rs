@@ -13,7 +13,6 @@ pub(crate) fn below(bits: u64, n: u64) -> u64 {
 }
 
 /// A number in [0, 1) in `f32`, rounded once and never to 1: the largest below it instead.
-#[allow(dead_code, reason = "for starts of episodes")]
 #[inline(always)]
 pub(crate) fn to_f32_below_one(x: f64) -> f32 {
     (x as f32).min(1.0 - 0.5 * f32::EPSILON)

@@ -1,7 +1,6 @@
 //! Streams that are begun many at a time: their blocks are computed together, then each draws alone.
 
 use super::chacha::{ABREAST, Abreast, BLOCK_WORDS, block};
-use super::{Purpose, below, normal, unit};
 
 /// Consecutive 32-bit words of a stream, from a position on: what [`Stream`](super::Stream) would draw, with one block in hand.
 ///
@@ -57,19 +56,9 @@ fn fill(of: &mut [Words], which: &[usize]) {
 }
 
 impl Words {
-    /// Those of [`Stream::new`](super::Stream::new).
-    pub fn new(seed: u64, environment: u64, episode: u64, purpose: Purpose) -> Self {
-        Self::restore([seed, environment, episode, purpose.0], 0)
-    }
-
     /// Those of [`Stream::restore`](super::Stream::restore).
     pub fn restore(key: [u64; 4], position: u64) -> Self {
         Self { key, position, block: NONE, words: [0; BLOCK_WORDS] }
-    }
-
-    /// [seed, environment, episode, purpose].
-    pub fn key(&self) -> [u64; 4] {
-        self.key
     }
 
     /// 32-bit words drawn so far.
@@ -87,6 +76,16 @@ impl Words {
         self.words = block(self.key, self.block);
     }
 
+    /// The same place in memory for another stream; numbers are computed when they are drawn.
+    pub fn restart(&mut self, key: [u64; 4], position: u64) {
+        (self.key, self.position, self.block) = (key, position, NONE);
+    }
+
+    /// Goes to a word.
+    pub fn go_to(&mut self, position: u64) {
+        self.position = position;
+    }
+
     fn next_u32(&mut self) -> u32 {
         if self.block != self.number() {
             self.compute();
@@ -97,8 +96,10 @@ impl Words {
     }
 
     /// As [`Stream::next_u64`](super::Stream::next_u64).
+    #[inline]
     pub fn next_u64(&mut self) -> u64 {
         let at = self.position as usize % BLOCK_WORDS;
+        // what was drawn so far is a whole number of draws, as a rule: both words are of one block
         if self.block == self.number() && at + 1 < BLOCK_WORDS {
             self.position += 2;
             return u64::from(self.words[at]) | u64::from(self.words[at + 1]) << 32;
@@ -106,28 +107,12 @@ impl Words {
         let low = self.next_u32();
         u64::from(low) | u64::from(self.next_u32()) << 32
     }
-
-    /// As [`Stream::unit`](super::Stream::unit).
-    pub fn unit(&mut self) -> f64 {
-        unit(self.next_u64())
-    }
-
-    /// As [`Stream::below`](super::Stream::below).
-    pub fn below(&mut self, n: u64) -> u64 {
-        below(self.next_u64(), n)
-    }
-
-    /// As [`Stream::normal`](super::Stream::normal).
-    pub fn normal(&mut self) -> f64 {
-        let (a, b) = (self.next_u64(), self.next_u64());
-        normal(a, b)
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::Stream;
+    use crate::rng::{Purpose, Stream};
 
     /// Streams of other keys at other positions: at a block's start, within one, before the end of 32-bit numbers.
     fn pairs(n: u64) -> (Vec<Words>, Vec<Stream>) {
@@ -149,19 +134,18 @@ mod tests {
                     blocks(&mut words);
                 }
                 for (i, (own, stream)) in words.iter_mut().zip(&mut streams).enumerate() {
-                    assert_eq!((own.key(), own.position()), (stream.key(), stream.position()));
+                    assert_eq!((own.key, own.position()), (stream.key(), stream.position()));
                     // some go on to the next block, others stay in theirs
                     for _ in 0..(i + round) % 7 {
                         assert_eq!(own.next_u64(), stream.next_u64(), "{i} of {n}");
-                        assert_eq!(own.unit().to_bits(), stream.unit().to_bits());
-                        assert_eq!(own.below(77), stream.below(77));
-                        assert_eq!(own.normal().to_bits(), stream.normal().to_bits());
                     }
                 }
             }
         }
-        let mut own = Words::new(1, 2, 3, Purpose::WIND);
-        assert_eq!(own.next_u64(), Stream::new(1, 2, 3, Purpose::WIND).next_u64());
+        let (mut own, mut stream) = (Words::restore([1, 2, 3, 4], 0), Stream::restore([1, 2, 3, 4], 6));
+        own.restart([1, 2, 3, 4], 0);
+        own.go_to(6);
+        assert_eq!(own.next_u64(), stream.next_u64());
     }
 
     #[test]

@@ -1,9 +1,11 @@
 //! What a task says about itself: it writes everything once, in its ideal state.
 
 use super::declare::{Ends, Goal, Loss, Writer};
+use super::env::begin::Draft;
 use super::robot::Robot;
 use super::settings::{Setting, filled};
-use super::task::{Start, Task, View, streams};
+use super::start::{Begun, Drawn, Start, Streams};
+use super::task::{Task, View};
 use super::task_spec::{Field, Metric, TaskSpec, Term, total};
 use crate::autodiff::trace::on_constants;
 use crate::autodiff::{Scalar, Trace};
@@ -74,33 +76,24 @@ impl<S: Scalar> Snapshot<S> {
 /// Most numbers that a task keeps from step to step.
 pub(crate) const MAX_TASK_STATE: usize = 256;
 
-/// An episode that a task began: physics, and the goal with its names.
-struct Begun {
-    state: Vec<f64>,
-    numbers: Vec<f64>,
-    goal: Vec<f64>,
-    fields: Vec<Field>,
-}
-
-fn begun(robot: &Robot, begin: impl FnOnce(&mut Start<'_>)) -> Begun {
-    let (mut state, mut numbers) = (robot.rest().to_vec(), robot.parameters());
-    let (mut goal, mut task_state) = (Vec::new(), vec![0.0; MAX_TASK_STATE]);
-    let [reset, draws, once] = streams(0, 0, 0);
-    let mut start = Start {
-        robot,
-        state: &mut state,
-        goal: Goal::named(&mut goal),
-        task_state: &mut task_state,
-        numbers: &mut numbers,
-        reset,
-        task: draws,
-        once,
-        event_at: f64::INFINITY,
-        difficulty: 1.0,
-    };
+/// How a task begins an episode, and the names in its goal.
+fn named_draft<S: Drawn>(robot: &Robot, begin: impl FnOnce(&mut Start<'_, S>)) -> (Draft<S>, Vec<Field>) {
+    let mut draft = Draft::new(robot, 0, MAX_TASK_STATE);
+    let source = Streams::of_start([0; 3]);
+    let Draft { state, numbers, goal, task_state, event_at, .. } = &mut draft;
+    let own = Begun { robot, state, goal: Goal::named(goal), task_state, numbers };
+    let mut start = Start::new(own, &source, *event_at, S::one());
     begin(&mut start);
     let fields = start.goal.fields();
-    Begun { state, numbers, goal, fields }
+    (draft, fields)
+}
+
+/// As recorded.
+fn recorded(robot: &Robot, begin: impl FnOnce(&mut Start<'_>)) -> (Draft, Vec<Field>) {
+    on_constants(|| {
+        let (draft, fields) = named_draft(robot, begin);
+        (draft.known(), fields)
+    })
 }
 
 /// Lets a task write everything once, in its ideal state, and keeps what it said.
@@ -111,14 +104,18 @@ fn begun(robot: &Robot, begin: impl FnOnce(&mut Start<'_>)) -> Begun {
 /// [`MAX_TASK_STATE`].
 pub(crate) fn declare(task: &dyn Task) -> Result<TaskSpec> {
     let robot = task.robot();
-    let (started, ideal) = (begun(robot, |start| task.start(start)), begun(robot, |start| task.ideal(start)));
-    if started.fields != ideal.fields {
+    let started = match task.start_on_host() {
+        Some(host) => named_draft(robot, |start| host.start(start)).1,
+        None => recorded(robot, |start| task.start(start)).1,
+    };
+    let (ideal, fields) = recorded(robot, |start| task.ideal(start));
+    if started != fields {
         let names =
             |fields: &[Field]| fields.iter().map(|f| format!("{} ({})", f.name, f.size)).collect::<Vec<_>>().join(", ");
-        let (own, other) = (names(&started.fields), names(&ideal.fields));
+        let (own, other) = (names(&started), names(&fields));
         return Err(Error::value("goal of a start", own, format!("that of the ideal: {other}"), "Write both alike."));
     }
-    let Begun { state, numbers, goal, fields } = ideal;
+    let Draft { state, numbers, goal, .. } = ideal;
     let with = |n: usize| Snapshot::of(robot, robot.plant(), &numbers, &state, &goal, vec![0.0; n]);
     let n_kept = |n| with(n).ask(robot, |view| Writer::written(|out| task.remember(view, out)).numbers().len());
     let n = n_kept(MAX_TASK_STATE);

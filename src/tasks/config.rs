@@ -137,8 +137,8 @@ pub struct EnvConfig {
     /// at the horizon time is over as ever. 0: at the horizon alone. Learners, who know truncation from an end, see more of how
     /// episodes begin than of what comes when all is flown: where flying there is hard and staying is not, that is what they need.
     pub truncate_after: usize,
-    /// Names of the columns of [`Spec::info`](super::Spec::info) that are told, whatever their order; none for all. What is left out is
-    /// neither computed nor kept. Learners tell what they read whatever this says, and evaluations all.
+    /// Names of the columns of [`Spec::info`](super::Spec::info) that are told, in the order of that list however they are named; none
+    /// for all. What is left out is not computed. Learners tell what they read whatever this says, and evaluations all.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub info: Option<Vec<String>>,
     /// Most memory, bytes.

@@ -8,7 +8,7 @@ use crate::controllers::kinematics::Kinematics;
 use crate::controllers::registry::{Setup, default_controller, swift};
 use crate::dynamics::rigid::{RIGID_DIM, vehicle_of};
 use crate::dynamics::tree::Model;
-use crate::dynamics::{Plant, Rotor, Vehicle};
+use crate::dynamics::{Inertia, Plant, Rotor, Vehicle};
 use crate::error::{Error, Result};
 
 /// Controllers of everything that flies in one environment, all levels in every step.
@@ -96,7 +96,9 @@ fn with_numbers(model: &Model, numbers: &[f64]) -> Result<Model> {
     let mut parts = model.parts().clone();
     for (i, body) in parts.bodies.iter_mut().enumerate() {
         let own = Inertial::read(numbers, i);
-        (body.mass, body.center_of_mass, body.inertia) = (own.mass, own.center_of_mass, own.inertia);
+        let [xx, yy, zz, xy, xz, yz] = own.inertia;
+        (body.mass, body.center_of_mass) = (own.mass, own.center_of_mass);
+        body.inertia = Inertia { xx, yy, zz, xy, xz, yz };
     }
     Model::new(parts)
 }

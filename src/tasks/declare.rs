@@ -175,20 +175,20 @@ impl Loss {
 
 /// What stays through an episode: written once by name where an episode starts, changed by place in events.
 #[derive(Debug)]
-pub struct Goal<'a> {
-    numbers: &'a mut Vec<f64>,
+pub struct Goal<'a, S = Trace> {
+    numbers: &'a mut Vec<S>,
     at: usize,
-    names: Option<Writer<f64>>,
+    names: Option<Writer<S>>,
 }
 
-impl<'a> Goal<'a> {
+impl<'a, S> Goal<'a, S> {
     /// Over numbers that are there.
-    pub(crate) fn over(numbers: &'a mut Vec<f64>) -> Self {
+    pub(crate) fn over(numbers: &'a mut Vec<S>) -> Self {
         Self { numbers, at: 0, names: None }
     }
 
     /// That keeps names.
-    pub(crate) fn named(numbers: &'a mut Vec<f64>) -> Self {
+    pub(crate) fn named(numbers: &'a mut Vec<S>) -> Self {
         Self { numbers, at: 0, names: Some(Writer::default()) }
     }
 
@@ -198,22 +198,23 @@ impl<'a> Goal<'a> {
     }
 }
 
-impl Deref for Goal<'_> {
-    type Target = [f64];
-    fn deref(&self) -> &[f64] {
+impl<S> Deref for Goal<'_, S> {
+    type Target = [S];
+    fn deref(&self) -> &[S] {
         self.numbers
     }
 }
 
-impl DerefMut for Goal<'_> {
-    fn deref_mut(&mut self) -> &mut [f64] {
+impl<S> DerefMut for Goal<'_, S> {
+    fn deref_mut(&mut self) -> &mut [S] {
         self.numbers
     }
 }
 
-impl Goal<'_> {
+impl<S: Copy> Goal<'_, S> {
     /// The next number.
-    pub fn number(&mut self, value: f64) {
+    pub fn number(&mut self, value: impl Into<S>) {
+        let value = value.into();
         match self.numbers.get_mut(self.at) {
             Some(place) => *place = value,
             None => self.numbers.push(value),
@@ -221,8 +222,9 @@ impl Goal<'_> {
         self.at += 1;
         self.names.iter_mut().for_each(|names| names.number(value));
     }
+
     /// The next numbers.
-    pub fn array(&mut self, values: impl IntoIterator<Item = f64>) {
+    pub fn array<X: Into<S>>(&mut self, values: impl IntoIterator<Item = X>) {
         values.into_iter().for_each(|value| self.number(value));
     }
 
@@ -231,6 +233,7 @@ impl Goal<'_> {
         self.names.iter_mut().for_each(|names| _ = names.field(name, unit, meaning));
         self
     }
+
     /// Each number of the field lies within [`low`, `high`].
     pub fn within(&mut self, low: f64, high: f64) -> &mut Self {
         self.names.iter_mut().for_each(|names| _ = names.within(low, high));

@@ -76,7 +76,7 @@
 //! }
 //!
 //! impl Climb {
-//!     fn begin(&self, start: &mut Start<'_>, height: f64) {
+//!     fn begin(&self, start: &mut Start<'_>, height: impl Into<Trace>) {
 //!         start.goal.field("height", "m, world", "to rise to").number(height);
 //!         start.place(0, [0.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0]); // otherwise at rest, rotors at hover
 //!     }
@@ -145,6 +145,7 @@ pub mod registry;
 pub mod reward;
 pub mod robot;
 pub mod settings;
+pub(crate) mod start;
 pub mod suite;
 pub(crate) mod task;
 pub mod task_spec;
@@ -169,5 +170,6 @@ pub use record::{Record, Recorded, Spread};
 pub use registry::BuiltIn;
 pub use robot::Robot;
 pub use settings::{Domain, Setting, Settings};
-pub use task::{ANY_YAW, START_TILT, Start, Task, TaskReference, View};
+pub use start::{ANY_YAW, Draw, Drawn, Draws, START_TILT, Start};
+pub use task::{HostStart, Task, TaskReference, View};
 pub use task_spec::{End, Field, Layout, Limit, Metric, Smoothness, Success, TaskSpec, Term};

@@ -12,7 +12,8 @@ use crate::error::Result;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Writer};
 use crate::tasks::robot::Robot;
-use crate::tasks::task::{Start, Task, View};
+use crate::tasks::start::Start;
+use crate::tasks::task::{Task, View};
 
 /// Steps until both are cut.
 pub(crate) const CUT: usize = 10;
@@ -59,7 +60,7 @@ impl Task for Probe {
     }
 
     fn start(&self, start: &mut Start<'_>) {
-        let kind = if self.drawn { start.task.below(2) as f64 } else { 1.0 };
+        let kind = if self.drawn { start.task.below(2) } else { Trace::one() };
         start.goal.field("kind", "-", "0 or 1").number(kind);
     }
 

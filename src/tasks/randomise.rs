@@ -9,12 +9,12 @@
 
 use super::physical::{Flock, MOST_OF_OTHERS, flocks, settle};
 use super::robot::{Inertial, Robot};
+use super::start::{Draw, Drawn, Draws};
 use crate::dynamics::domain::Domain;
 use crate::dynamics::rigid::BODY_PARAMETERS;
 use crate::dynamics::rotor::{N_ROTOR_PARAMETER, at};
 use crate::dynamics::tree::LINK_PARAMETERS;
 use crate::error::{Error, Result, finite};
-use crate::rng::{Purpose, Stream};
 use serde::{Deserialize, Serialize};
 
 /// What changes.
@@ -308,25 +308,26 @@ impl Randomiser {
         })
     }
 
-    /// Draws everything of one episode into `numbers` and `wind`, `share` of every change; allocates nothing.
-    pub(crate) fn apply(&self, key: [u64; 3], share: f64, numbers: &mut [f64], wind: &mut [f64; 3]) {
-        if self.changes.is_empty() {
-            return;
-        }
-        let [seed, environment, episode] = key;
-        let mut now = Stream::new(seed, environment, episode, Purpose::PARAMETERS);
-        let mut once = Stream::new(seed, environment, 0, STARTUP);
-        let mut height = 0.0;
+    /// Draws everything of one episode into `numbers` and `wind`, `share` of every change: from the draws of that episode and those
+    /// that stay for a run.
+    pub(crate) fn apply<S: Drawn>(
+        &self,
+        [mut now, mut once]: [Draws<'_, S>; 2],
+        share: S,
+        numbers: &mut [S],
+        wind: &mut [S; 3],
+    ) {
+        let mut height = S::zero();
         for prepared in &self.changes {
             let change = &prepared.change;
-            let stream = if change.when == Time::Reset { &mut now } else { &mut once };
+            let draws = if change.when == Time::Reset { &mut now } else { &mut once };
             match change.what {
-                Quantity::Wind => *wind = [0, 1, 2].map(|_| share * change.draw(stream)),
-                Quantity::HiddenHeight => height = share * change.draw(stream),
-                Quantity::HiddenMass => self.hide(change, (stream, share), height, numbers),
-                Quantity::Mass => self.weigh(change, (stream, share), numbers),
-                Quantity::Inertia => self.spread(change, (stream, share), numbers),
-                _ => self.vary(prepared, (stream, share), numbers),
+                Quantity::Wind => *wind = [0, 1, 2].map(|_| share * change.draw(draws)),
+                Quantity::HiddenHeight => height = share * change.draw(draws),
+                Quantity::HiddenMass => self.hide(change, (draws, share), height, numbers),
+                Quantity::Mass => self.weigh(change, (draws, share), numbers),
+                Quantity::Inertia => self.spread(change, (draws, share), numbers),
+                _ => self.vary(prepared, (draws, share), numbers),
             }
         }
         self.inertias.iter().for_each(|at| settle(&mut numbers[*at..at + 6]));
@@ -334,16 +335,16 @@ impl Randomiser {
 
     /// Rotors that a task left at rest speed in `state` turn such that each tree carries the weight that was drawn, all its
     /// rotors at the same share of their largest thrust.
-    pub(crate) fn hover(&self, rest: &[f64], numbers: &[f64], state: &mut [f64]) {
+    pub(crate) fn hover<S: Drawn>(&self, rest: &[f64], numbers: &[S], state: &mut [S]) {
         self.flocks.iter().for_each(|flock| flock.hover(rest, &self.nominal, numbers, state));
     }
 
-    fn vary(&self, prepared: &Prepared, (stream, share): (&mut Stream, f64), numbers: &mut [f64]) {
+    fn vary<S: Drawn>(&self, prepared: &Prepared, (draws, share): (&mut Draws<'_, S>, S), numbers: &mut [S]) {
         let change = &prepared.change;
-        let mut drawn = change.draw(stream);
+        let mut drawn = change.draw(draws);
         for (i, k) in prepared.places.iter().enumerate() {
             if change.each && i > 0 {
-                drawn = change.draw(stream);
+                drawn = change.draw(draws);
             }
             let mut value = change.applied(numbers[*k], drawn, share);
             if change.what == Quantity::ThrustToWeight {
@@ -354,18 +355,18 @@ impl Randomiser {
     }
 
     /// Mass over nominal mass of the drone that carries the rotor with a number at `k`.
-    fn heavier(&self, k: usize, numbers: &[f64]) -> f64 {
+    fn heavier<S: Drawn>(&self, k: usize, numbers: &[S]) -> S {
         let n = N_ROTOR_PARAMETER;
         let owner = self.rotors.iter().position(|own| own.iter().any(|at| (*at..at + n).contains(&k)));
         let place = Inertial::place(self.bodies[owner.unwrap_or(0)]);
-        numbers[place] / self.nominal[place]
+        numbers[place] * S::from(1.0 / self.nominal[place])
     }
 
-    fn weigh(&self, change: &Change, (stream, share): (&mut Stream, f64), numbers: &mut [f64]) {
-        let mut drawn = change.draw(stream);
+    fn weigh<S: Drawn>(&self, change: &Change, (draws, share): (&mut Draws<'_, S>, S), numbers: &mut [S]) {
+        let mut drawn = change.draw(draws);
         for (i, body) in self.bodies.iter().enumerate() {
             if change.each && i > 0 {
-                drawn = change.draw(stream);
+                drawn = change.draw(draws);
             }
             let own = Inertial::read(numbers, *body);
             let mass = change.applied(own.mass, drawn, share);
@@ -373,47 +374,44 @@ impl Randomiser {
         }
     }
 
-    fn spread(&self, change: &Change, (stream, share): (&mut Stream, f64), numbers: &mut [f64]) {
+    fn spread<S: Drawn>(&self, change: &Change, (draws, share): (&mut Draws<'_, S>, S), numbers: &mut [S]) {
         for body in &self.bodies {
             let place = Inertial::place(*body) + 4;
-            let common = change.draw(stream);
+            let common = change.draw(draws);
             let mut factors = [common; 3];
             if change.each {
-                factors = [common, change.draw(stream), change.draw(stream)];
+                factors = [common, change.draw(draws), change.draw(draws)];
             }
             let mut moments = [0, 1, 2].map(|i| change.applied(numbers[place + i], factors[i], share));
             for i in 0..3 {
                 let others = moments[(i + 1) % 3] + moments[(i + 2) % 3];
-                moments[i] = moments[i].min(MOST_OF_OTHERS * others);
+                moments[i] = moments[i].min(S::from(MOST_OF_OTHERS) * others);
             }
             // products stay below what the smaller of their axes can carry
             for (k, (a, b)) in [(0, 1), (0, 2), (1, 2)].into_iter().enumerate() {
-                let nominal = self.nominal[place + 3 + k];
-                let room =
-                    (moments[a] * moments[b]).sqrt() / (self.nominal[place + a] * self.nominal[place + b]).sqrt();
-                numbers[place + 3 + k] = nominal * room;
+                let nominal = &self.nominal[place..];
+                let share = nominal[3 + k] / (nominal[a] * nominal[b]).sqrt();
+                numbers[place + 3 + k] = S::from(share) * moments[a].sqrt() * moments[b].sqrt();
             }
             numbers[place..place + 3].copy_from_slice(&moments);
         }
     }
 
-    fn hide(&self, change: &Change, (stream, share): (&mut Stream, f64), height: f64, numbers: &mut [f64]) {
-        let mut drawn = change.draw(stream);
+    fn hide<S: Drawn>(&self, change: &Change, (draws, share): (&mut Draws<'_, S>, S), height: S, numbers: &mut [S]) {
+        let mut drawn = change.draw(draws);
         for (i, body) in self.bodies.iter().enumerate() {
             if change.each && i > 0 {
-                drawn = change.draw(stream);
+                drawn = change.draw(draws);
             }
             let own = Inertial::read(numbers, *body);
-            let mass = share * drawn * self.nominal[Inertial::place(*body)];
-            own.and(&Inertial::cuboid(mass, HIDDEN_BOX, [0.0, 0.0, height])).write(numbers, *body);
+            let mass = share * drawn * S::from(self.nominal[Inertial::place(*body)]);
+            own.and(&Inertial::cuboid(mass, HIDDEN_BOX, [S::zero(), S::zero(), height])).write(numbers, *body);
         }
     }
 }
 
 /// Largest number of a range.
 const MOST: f64 = 1e9;
-/// Draws that stay for a run.
-const STARTUP: Purpose = Purpose::user(0x5712);
 /// Edges of the hidden load, m.
 const HIDDEN_BOX: [f64; 3] = [0.1, 0.1, 0.15];
 const DRAG: usize = 10;
@@ -436,29 +434,26 @@ fn places(robot: &Robot) -> (Vec<usize>, Vec<Vec<usize>>) {
 }
 
 impl Change {
-    fn draw(&self, stream: &mut Stream) -> f64 {
+    fn draw<S: Drawn>(&self, draws: &mut Draws<'_, S>) -> S {
         let [low, high] = self.range;
         match self.distribution {
-            Distribution::Uniform => stream.uniform(low, high),
-            Distribution::LogUniform => stream.uniform(low.ln(), high.ln()).exp().clamp(low, high),
+            Distribution::Uniform => draws.uniform(low, high),
+            Distribution::LogUniform => draws.uniform(low.ln(), high.ln()).exp().max(low.into()).min(high.into()),
+            // ±2σ: one draw in twenty-two is repeated
             Distribution::Normal => {
-                // ±2σ: one draw in twenty-two is repeated
-                let mut z = stream.normal();
-                while z.abs() > 2.0 {
-                    z = stream.normal();
-                }
-                0.5 * (low + high) + 0.25 * (high - low) * z
+                draws.number(Draw::NormalWithin(2.0)) * S::from(0.25 * (high - low)) + S::from(0.5 * (low + high))
             }
         }
     }
 
     /// The value that a draw makes of another, at this share of the change.
-    fn applied(&self, value: f64, drawn: f64, share: f64) -> f64 {
+    fn applied<S: Drawn>(&self, value: S, drawn: S, share: S) -> S {
         let full = match self.by {
             Action::Scale => value * drawn,
             Action::Add => value + drawn,
             Action::Set => drawn,
         };
-        if share == 1.0 { full } else { value + share * (full - value) }
+        // exact at either end
+        (S::one() - share) * value + share * full
     }
 }

@@ -3,13 +3,13 @@
 //! Every task sees the same picture: **frames**, the motion of bodies along world axes, and **drones**, each with a frame,
 //! rotors and drives. A vehicle alone has one frame; a model has one per body.
 
-use crate::autodiff::System;
+use crate::autodiff::{Array, Scalar, System};
 use crate::dynamics::domain::Domain;
 pub use crate::dynamics::plant::RotorPlace;
 use crate::dynamics::rotor::holding_action;
-use crate::dynamics::spatial::{Quat, conjugate, multiply, up_axis};
+use crate::dynamics::spatial::{Quat, conjugate, constants, multiply, up_axis};
 use crate::dynamics::tree::{Model, Multibody};
-use crate::dynamics::{Effects, Inertia, Physics, Plant, Vehicle, tree};
+use crate::dynamics::{Effects, Physics, Plant, Vehicle, tree};
 use crate::error::{Error, Result};
 
 /// Time constant of the motors in the benchmark tasks, s: the paper's filter of 0.43 per 16 ms.
@@ -168,13 +168,13 @@ impl Robot {
     }
 
     /// The attitude of a tree's root for one of the axes in which it hovers level.
-    pub(crate) fn attitude_of_body(&self, tree: usize, attitude: Quat<f64>) -> Quat<f64> {
-        self.leans[tree].map_or(attitude, |turn| multiply(attitude, turn))
+    pub(crate) fn attitude_of_body<S: Scalar>(&self, tree: usize, attitude: Quat<S>) -> Quat<S> {
+        self.leans[tree].map_or(attitude, |turn| multiply(attitude, constants(turn)))
     }
 
     /// The inverse of [`attitude_of_body`](Self::attitude_of_body).
-    pub(crate) fn attitude_of_hover_axes(&self, tree: usize, attitude: Quat<f64>) -> Quat<f64> {
-        self.leans[tree].map_or(attitude, |turn| multiply(attitude, conjugate(turn)))
+    pub(crate) fn attitude_of_hover_axes<S: Scalar>(&self, tree: usize, attitude: Quat<S>) -> Quat<S> {
+        self.leans[tree].map_or(attitude, |turn| multiply(attitude, constants(conjugate(turn))))
     }
 
     /// The same robot with these numbers ([`Robot::parameters`]) differing between environments.
@@ -313,90 +313,90 @@ pub(crate) fn benchmark_effects() -> Effects {
 
 /// Mass, centre of mass and inertia about it, as a task changes them at a reset.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Inertial {
+pub struct Inertial<S = f64> {
     /// kg.
-    pub mass: f64,
+    pub mass: S,
     /// m, body.
-    pub center_of_mass: [f64; 3],
-    /// About the centre of mass, kg m².
-    pub inertia: Inertia,
+    pub center_of_mass: [S; 3],
+    /// About the centre of mass, kg m²: xx, yy, zz, xy, xz, yz.
+    pub inertia: [S; 6],
 }
 
-impl Inertial {
+impl<S: Scalar> Inertial<S> {
+    fn along_axes(mass: S, moments: [S; 3], center_of_mass: [S; 3]) -> Self {
+        let [x, y, z] = moments;
+        Self { mass, center_of_mass, inertia: [x, y, z, S::zero(), S::zero(), S::zero()] }
+    }
+
     /// A solid ball.
-    pub fn ball(mass: f64, radius: f64, center_of_mass: [f64; 3]) -> Self {
-        let i = 0.4 * mass * radius * radius;
-        Self { mass, center_of_mass, inertia: Inertia::diagonal(i, i, i) }
+    pub fn ball(mass: S, radius: f64, center_of_mass: [S; 3]) -> Self {
+        Self::along_axes(mass, [S::constant(0.4 * radius * radius) * mass; 3], center_of_mass)
     }
 
     /// A solid box with edges `size`.
-    pub fn cuboid(mass: f64, size: [f64; 3], center_of_mass: [f64; 3]) -> Self {
-        let [x, y, z] = size.map(|s| s * s * mass / 12.0);
-        Self { mass, center_of_mass, inertia: Inertia::diagonal(y + z, x + z, x + y) }
+    pub fn cuboid(mass: S, size: [f64; 3], center_of_mass: [S; 3]) -> Self {
+        let [x, y, z] = size.map(|s| s * s / 12.0);
+        Self::along_axes(mass, [y + z, x + z, x + y].map(|own| S::constant(own) * mass), center_of_mass)
+    }
+
+    /// A solid capsule along z, `length` between the middles of its ends: [`Geometry::inertia`](crate::dynamics::shape::Geometry::inertia).
+    pub fn capsule(mass: S, radius: f64, length: S, center_of_mass: [S; 3]) -> Self {
+        let (r, square) = (radius, length.square());
+        let constant = S::constant;
+        let balls = mass * constant(4.0 * r) / (constant(3.0) * length + constant(4.0 * r));
+        let cylinder = mass - balls;
+        let across = cylinder * (constant(1.0 / 12.0) * square + constant(0.25 * r * r))
+            + balls * (constant(0.4 * r * r) + constant(0.25) * square + constant(0.375 * r) * length);
+        let along = constant(0.5 * r * r) * cylinder + constant(0.4 * r * r) * balls;
+        Self::along_axes(mass, [across, across, along], center_of_mass)
     }
 
     /// The same body `factor` times as heavy.
-    pub fn scaled(&self, factor: f64) -> Self {
-        let i = &self.inertia;
-        let inertia = Inertia {
-            xx: factor * i.xx,
-            yy: factor * i.yy,
-            zz: factor * i.zz,
-            xy: factor * i.xy,
-            xz: factor * i.xz,
-            yz: factor * i.yz,
-        };
+    pub fn scaled(&self, factor: S) -> Self {
+        let inertia = self.inertia.map(|own| factor * own);
         Self { mass: factor * self.mass, center_of_mass: self.center_of_mass, inertia }
     }
 
     /// Two bodies welded together (Steiner's theorem).
     pub fn and(&self, other: &Self) -> Self {
         let mass = self.mass + other.mass;
-        let center = [0, 1, 2].map(|i| {
-            (self.mass * self.center_of_mass[i] + other.mass * other.center_of_mass[i]) / mass.max(f64::MIN_POSITIVE)
-        });
-        let (a, b) = (self.about(center), other.about(center));
-        let inertia = Inertia {
-            xx: a.xx + b.xx,
-            yy: a.yy + b.yy,
-            zz: a.zz + b.zz,
-            xy: a.xy + b.xy,
-            xz: a.xz + b.xz,
-            yz: a.yz + b.yz,
-        };
-        Self { mass, center_of_mass: center, inertia }
+        let inverse = S::one() / mass.max(S::constant(1e-30));
+        let center_of_mass =
+            [0, 1, 2].map(|i| (self.mass * self.center_of_mass[i] + other.mass * other.center_of_mass[i]) * inverse);
+        let (a, b) = (self.about(center_of_mass), other.about(center_of_mass));
+        Self { mass, center_of_mass, inertia: std::array::from_fn(|k| a[k] + b[k]) }
     }
 
-    fn about(&self, point: [f64; 3]) -> Inertia {
+    fn about(&self, point: [S; 3]) -> [S; 6] {
         let [x, y, z] = [0, 1, 2].map(|i| self.center_of_mass[i] - point[i]);
-        let (m, i) = (self.mass, &self.inertia);
-        Inertia {
-            xx: i.xx + m * (y * y + z * z),
-            yy: i.yy + m * (x * x + z * z),
-            zz: i.zz + m * (x * x + y * y),
-            xy: i.xy - m * x * y,
-            xz: i.xz - m * x * z,
-            yz: i.yz - m * y * z,
-        }
+        let (m, [xx, yy, zz, xy, xz, yz]) = (self.mass, self.inertia);
+        [
+            xx + m * (y * y + z * z),
+            yy + m * (x * x + z * z),
+            zz + m * (x * x + y * y),
+            xy - m * x * y,
+            xz - m * x * z,
+            yz - m * y * z,
+        ]
     }
 
     /// From the numbers of body 0 of a [`Robot`]'s, or of body `body` where there are several.
-    pub fn read(numbers: &[f64], body: usize) -> Self {
-        let n = &numbers[Self::place(body)..];
-        Self {
-            mass: n[0],
-            center_of_mass: [n[1], n[2], n[3]],
-            inertia: Inertia { xx: n[4], yy: n[5], zz: n[6], xy: n[7], xz: n[8], yz: n[9] },
-        }
+    pub fn read(numbers: &[S], body: usize) -> Self {
+        let n: [S; 10] = numbers.array(Inertial::place(body));
+        let [mass, x, y, z, inertia @ ..] = n;
+        Self { mass, center_of_mass: [x, y, z], inertia }
     }
 
     /// Over the numbers of body `body`.
-    pub fn write(&self, numbers: &mut [f64], body: usize) {
-        let (c, i) = (&self.center_of_mass, &self.inertia);
-        let own = [self.mass, c[0], c[1], c[2], i.xx, i.yy, i.zz, i.xy, i.xz, i.yz];
-        numbers[Self::place(body)..][..10].copy_from_slice(&own);
+    pub fn write(&self, numbers: &mut [S], body: usize) {
+        let own = &mut numbers[Inertial::place(body)..][..10];
+        own[0] = self.mass;
+        own[1..4].copy_from_slice(&self.center_of_mass);
+        own[4..].copy_from_slice(&self.inertia);
     }
+}
 
+impl Inertial {
     /// Where a body's mass stands among the numbers of a robot; centre of mass and inertia follow.
     pub fn place(body: usize) -> usize {
         1 + body * tree::LINK_PARAMETERS.len()

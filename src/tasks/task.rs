@@ -8,17 +8,17 @@
 //! To add one: a file with a struct that implements [`Task`], and a line in the [registry](super::registry).
 
 use super::config::EnvConfig;
-use super::declare::{Ends, Goal, Loss, Writer};
+use super::declare::{Ends, Loss, Writer};
 use super::robot::{DronePlace, Robot};
 use super::settings::Setting;
+use super::start::Start;
 use super::task_spec::Success;
 use crate::autodiff::{Scalar, Trace, TraceMask, safe};
 use crate::controllers::reference::{Hover, Reference, Tilt, Waypoint, Waypoints};
 use crate::dynamics::frame::{FRAME, Frame};
 use crate::dynamics::scene::Scene;
-use crate::dynamics::spatial::{Quat, Vec3, from_euler, rotate, sub};
+use crate::dynamics::spatial::{Vec3, sub};
 use crate::error::Result;
-use crate::rng::{Purpose, Stream};
 use std::f64::consts::{PI, TAU};
 
 /// A task: what flies, where an episode starts, what is seen, rewarded and forbidden.
@@ -84,13 +84,20 @@ pub trait Task: Send + Sync {
     /// Where gates and obstacles of the scene stand with this goal: writes its [placement](crate::dynamics::scene), of zeros.
     fn place_scene(&self, _goal: &[f64], _placement: &mut [f64]) {}
 
-    /// Draws the goal and the first state of an episode.
+    /// Draws the goal and the first state of an episode, at rest unless said otherwise. Recorded as all else, with draws for
+    /// inputs.
     fn start(&self, start: &mut Start<'_>);
 
     /// What happens to the goal at the time that [`Start::event_at`] asked for: a push, a new target. Changes of the task state
     /// and of numbers that vary count too, those of the state do not. It comes behind the reward of its step and before the
     /// observation, which shows the new goal; gradients take that observation for one of the old goal.
-    fn event(&self, _: &mut Start<'_>) {}
+    fn event(&self, _start: &mut Start<'_>) {}
+
+    /// Where episodes and events begin that no recording can hold: then neither [`start`](Self::start) nor
+    /// [`event`](Self::event) is asked.
+    fn start_on_host(&self) -> Option<&dyn HostStart> {
+        None
+    }
 
     /// Wind, force and moment on tree `tree` in the coming step, as [`Disturbance`](crate::dynamics::Disturbance);
     /// asked only where the robot's physics have that effect.
@@ -140,6 +147,17 @@ pub trait Task: Send + Sync {
 
     /// A state and goal with which the reward, effort aside, comes within 1e-6 of its bound.
     fn ideal(&self, start: &mut Start<'_>);
+}
+
+/// Starts and events in plain numbers, one environment after the other: for searches, assignments, and whatever else branches on what
+/// was drawn. A task of this kind leaves [`Task::start`] empty. A goal that is longer than the ideal's is cut; an event has 256 words of
+/// every stream for its step.
+pub trait HostStart {
+    /// As [`Task::start`].
+    fn start(&self, start: &mut Start<'_, f64>);
+
+    /// As [`Task::event`].
+    fn event(&self, _start: &mut Start<'_, f64>) {}
 }
 
 /// A task that is made from a configuration alone: what a name can stand for.
@@ -326,83 +344,4 @@ impl<S: Scalar> View<'_, S> {
     pub fn observe_clock(&self, out: &mut Writer<S>) {
         out.field("clock", "-", "k/T, four times").within(0.0, 1.0).array([self.clock; 4]);
     }
-}
-
-/// The start of an episode: draws, and where they go.
-pub struct Start<'a> {
-    /// What flies.
-    pub robot: &'a Robot,
-    /// Of the physics; [`Robot::rest`] until changed.
-    pub state: &'a mut [f64],
-    /// What stays through the episode.
-    pub goal: Goal<'a>,
-    /// What the task keeps from step to step; zeros until changed.
-    pub task_state: &'a mut [f64],
-    /// Physical numbers as in [`Robot::parameters`]: the nominal ones until changed. A change counts where [`Robot::varied`]
-    /// names the number.
-    pub numbers: &'a mut [f64],
-    /// Initial states.
-    pub reset: Stream,
-    /// Goals.
-    pub task: Stream,
-    /// The same in every episode of an environment: geometry.
-    pub once: Stream,
-    /// Step at which [`Task::event`] is called; never if it is not finite.
-    pub event_at: f64,
-    /// Of a curriculum, 0 to 1 ([`Env::set_difficulty`](super::Env::set_difficulty)): what a task makes of it is its own
-    /// affair.
-    pub difficulty: f64,
-}
-
-impl Start<'_> {
-    /// Moves the root of tree `tree`: position, world, m, and attitude, of the axes in which it hovers level
-    /// ([`Vehicle::upright`](crate::dynamics::Vehicle::upright)): a vehicle that leans in hover leans so from there.
-    ///
-    /// # Panics
-    /// If there is no such tree.
-    pub fn place(&mut self, tree: usize, position: Vec3<f64>, attitude: Quat<f64>) {
-        let at = self.robot.roots()[tree];
-        let attitude = self.robot.attitude_of_body(tree, attitude);
-        self.state[at..at + 3].copy_from_slice(&position);
-        self.state[at + 6..at + 10].copy_from_slice(&attitude);
-    }
-
-    /// As [`Start::place`] such that the point `local` of the root comes to `point`.
-    ///
-    /// # Panics
-    /// If there is no such tree.
-    pub fn place_point(&mut self, tree: usize, local: Vec3<f64>, point: Vec3<f64>, attitude: Quat<f64>) {
-        let lever = rotate(self.robot.attitude_of_body(tree, attitude), local);
-        self.place(tree, [0, 1, 2].map(|i| point[i] - lever[i]), attitude);
-    }
-
-    /// Uniform in a box: lowest and highest per axis.
-    pub fn position(&mut self, range: [[f64; 2]; 3]) -> Vec3<f64> {
-        range.map(|[low, high]| self.reset.uniform(low, high))
-    }
-
-    /// Roll and pitch uniform within ±`tilt`, yaw uniform within `yaw`.
-    pub fn attitude(&mut self, tilt: f64, yaw: [f64; 2]) -> Quat<f64> {
-        let (roll, pitch) = (self.reset.uniform(-tilt, tilt), self.reset.uniform(-tilt, tilt));
-        from_euler(roll, pitch, self.reset.uniform(yaw[0], yaw[1]))
-    }
-}
-
-/// A factor of a curriculum that is `ease` at difficulty 0 and 1 at difficulty 1.
-pub(crate) fn eased(ease: f64, difficulty: f64) -> f64 {
-    1.0 - (1.0 - ease) * (1.0 - difficulty)
-}
-
-/// Any yaw.
-pub const ANY_YAW: [f64; 2] = [0.0, TAU];
-/// Roll and pitch of most starts, rad.
-pub const START_TILT: f64 = 0.2 * PI;
-
-/// The streams of one episode.
-pub(crate) fn streams(seed: u64, environment: u64, episode: u64) -> [Stream; 3] {
-    [
-        Stream::new(seed, environment, episode, Purpose::RESET),
-        Stream::new(seed, environment, episode, Purpose::TASK),
-        Stream::new(seed, environment, u64::MAX, Purpose::PARAMETERS),
-    ]
 }

@@ -6,13 +6,13 @@
 //! - DIFFERENCE: starts are on the scaled curve; published ones miss it by up to 0.18 m (defect 21).
 
 use super::declare::Writer;
-use super::task::{Start, TaskReference, View, eased};
-use crate::autodiff::{Array, Scalar, Trace, safe};
+use super::start::{Draws, Start, eased};
+use super::task::{TaskReference, View};
+use crate::autodiff::{Array, Jet, Scalar, Trace, safe};
 use crate::controllers::reference::{Lemniscate, Reference, lemniscate_curve, lemniscate_phase};
 use crate::dynamics::GRAVITY;
 use crate::dynamics::frame::Frame;
 use crate::dynamics::spatial::{Vec3, add, cross, from_euler, multiply, rotate_back, scale, sub, to_euler};
-use crate::rng::Stream;
 use crate::settings;
 use std::f64::consts::{FRAC_PI_2, TAU};
 
@@ -57,6 +57,15 @@ macro_rules! about_path {
 
 pub(crate) use about_path;
 
+/// The whole number nearest to one from 0 to `most`, bit by bit.
+fn nearest_whole(x: Trace, most: f64) -> Trace {
+    let bits = ((most + 0.5).max(1.0).log2().floor() as i32).min(23);
+    (0..=bits).rev().fold(Trace::zero(), |whole, bit| {
+        let more = whole + 2.0_f64.powi(bit);
+        Trace::select(x.lt(more - 0.5), whole, more)
+    })
+}
+
 /// A path that episodes draw.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrackPath {
@@ -77,16 +86,17 @@ impl TrackPath {
     }
 
     /// Draws a path into the goal; returns where it starts.
-    pub fn draw(&self, start: &mut Start<'_>) -> Vec3<f64> {
+    pub fn draw(&self, start: &mut Start<'_>) -> Vec3<Trace> {
         let (r, range) = (&mut start.task, &self.own.path);
         let vertical = r.uniform(-range.vertical, range.vertical);
         let scale = range.scale.map(|[low, high]| r.uniform(low, high));
-        let sign = if r.unit() < 0.5 { -1.0 } else { 1.0 };
+        let sign = Trace::select(r.unit().lt(0.5), (-1.0).into(), Trace::one());
         let rate = sign * r.uniform(range.rate[0], range.rate[1]) * eased(self.own.rate_ease, start.difficulty);
         let rotation = r.uniform(0.0, TAU);
-        let ahead = if self.own.start_along > 0.0 { self.draw_ahead(r, rate) } else { 0.0 };
-        let reset = self.own.reset_distance * eased(self.own.reset_ease, start.difficulty);
-        let (goal, turn) = (&mut start.goal, [rotation.cos(), rotation.sin()]);
+        let ahead = if self.own.start_along > 0.0 { self.draw_ahead(r, rate) } else { Trace::zero() };
+        let reset = eased(self.own.reset_ease, start.difficulty) * self.own.reset_distance;
+        let (sin, cos) = rotation.sin_cos();
+        let (goal, turn) = (&mut start.goal, [cos, sin]);
         goal.field("path_vertical", "-", "c").number(vertical);
         goal.field("path_scale", "m", "S").array(scale);
         goal.field("path_rate", "rad/s", "w").number(rate);
@@ -94,14 +104,16 @@ impl TrackPath {
         goal.field("path_ahead", "steps", "that the path is ahead of k").number(ahead);
         goal.field("reset_distance", "m", "beyond which the episode ends").number(reset);
         let numbers = [vertical, scale[0], scale[1], scale[2], rate, turn[0], turn[1], ahead, reset];
-        self.at(&numbers, 0.0)
+        self.at(&numbers, Trace::zero())
     }
 
     /// In the share of episodes that begin along the path: anywhere in a lap, 2 s after its rest; else 0. Whole steps.
-    fn draw_ahead(&self, r: &mut Stream, rate: f64) -> f64 {
-        let (along, lap) = (r.unit() < self.own.start_along, TAU / rate.abs());
+    fn draw_ahead(&self, r: &mut Draws<'_>, rate: Trace) -> Trace {
+        let (along, lap) = (r.unit().lt(self.own.start_along), TAU / rate.abs());
         let ahead = r.uniform(2.0, 2.0 + lap);
-        if along { (ahead / self.dt).round() } else { 0.0 }
+        let slowest = self.own.path.rate[0] * self.own.rate_ease.min(1.0);
+        let most = (2.0 + TAU / slowest) / self.dt;
+        Trace::select(along, nearest_whole(ahead * (1.0 / self.dt), most), Trace::zero())
     }
 
     /// Whether an error is beyond the reset distance of the episode.
@@ -112,40 +124,48 @@ impl TrackPath {
     /// Where the path of a goal whose numbers begin at `first` is ahead: gives the root of tree 0, placed with the attitude of a
     /// start, the velocity that leads a point on the path. Where `lever` is given the root leans as a body does that is held by
     /// its thrust along the path, the point `lever` below its origin along its axis (Peng et al. 2018: reference state
-    /// initialisation).
-    pub fn join(&self, start: &mut Start<'_>, first: usize, lever: Option<f64>) {
-        let goal: [f64; PATH] = std::array::from_fn(|k| start.goal[first + k]);
-        if goal[AHEAD_BY] == 0.0 {
+    /// initialisation). Derivatives of the path are exact here; [`velocity`](Self::velocity) is a difference, off by dt²/6 of the third.
+    pub fn join(&self, start: &mut Start<'_>, first: usize, lever: Option<Trace>) {
+        if self.own.start_along == 0.0 {
             return;
         }
-        let view = &goal[..];
-        let (position, velocity) = (self.at(view, 0.0), self.velocity(view, 0.0));
+        let (joins, before) = (start.goal[first + AHEAD_BY].gt(0.5), start.state.to_vec());
+        self.give_motion(start, first, lever);
+        start.state.iter_mut().zip(before).for_each(|(x, before)| *x = Trace::select(joins, *x, before));
+    }
+
+    fn give_motion(&self, start: &mut Start<'_>, first: usize, lever: Option<Trace>) {
+        let [position, velocity, acceleration, jerk] = self.motion(&start.goal[first..]);
         let root = start.robot.roots()[0];
         start.state[root + 3..root + 6].copy_from_slice(&velocity);
         let Some(lever) = lever else { return };
-        let half_step = 0.5 / self.dt;
-        let up_rate = scale(half_step, sub(self.lean(view, 1.0).0, self.lean(view, -1.0).0));
-        let (up, pull) = self.lean(view, 0.0);
-        let own = std::array::from_fn(|k| start.state[root + 6 + k]);
-        let yaw = to_euler(start.robot.attitude_of_hover_axes(0, own))[2];
+        let mut force = [0, 1, 2].map(|i| Jet::from_derivatives([acceleration[i], jerk[i]]));
+        force[2] += Jet::constant(GRAVITY);
+        let direction = safe::normalise(force);
+        let (up, up_rate) = (direction.map(|x| x.value()), direction.map(|x| x.derivative(1)));
+        let pull = safe::norm(force.map(|x| x.value())) * (1.0 / GRAVITY);
+        let own = Array::array(&*start.state, root + 6);
+        let [_, _, yaw] = to_euler(start.robot.attitude_of_hover_axes(0, own));
         // the shortest turn from e_z to the lean, after the yaw
-        let lean = safe::normalise([1.0 + up[2], -up[1], up[0], 0.0]);
-        let attitude = multiply(lean, from_euler(0.0, 0.0, yaw));
+        let lean = safe::normalise([1.0 + up[2], -up[1], up[0], Trace::zero()]);
+        let attitude = multiply(lean, from_euler(Trace::zero(), Trace::zero(), yaw));
         start.place(0, add(position, scale(lever, up)), attitude);
         start.state[root + 3..root + 6].copy_from_slice(&add(velocity, scale(lever, up_rate)));
         let rate = rotate_back(start.robot.attitude_of_body(0, attitude), cross(up, up_rate));
         start.state[root + 10..root + 13].copy_from_slice(&rate);
         for rotor in start.robot.drones().iter().flat_map(|d| &d.rotors) {
-            start.state[rotor.speed] = (start.state[rotor.speed] * pull.sqrt()).min(rotor.max_speed);
+            start.state[rotor.speed] = (start.state[rotor.speed] * pull.sqrt()).min(rotor.max_speed.into());
         }
     }
 
-    /// Direction of the specific force at step k of a path, and its size over g.
-    fn lean(&self, goal: &[f64], step: f64) -> (Vec3<f64>, f64) {
-        let (before, after) = (self.velocity(goal, step - 1.0), self.velocity(goal, step + 1.0));
-        let mut force = scale(0.5 / self.dt, sub(after, before));
-        force[2] += GRAVITY;
-        (safe::normalise(force), safe::norm(force) / GRAVITY)
+    /// Where the path in `goal` begins, and its first three derivatives by time.
+    fn motion(&self, goal: &[Trace]) -> [Vec3<Trace>; 4] {
+        let goal: [Jet<Trace, 4>; PATH] = std::array::from_fn(|k| Jet::fixed(goal[k]));
+        let along = self.at(&goal, Jet::variable(Trace::zero()));
+        std::array::from_fn(|order| {
+            let per_step = self.dt.powi(-(order as i32));
+            along.map(|x| x.derivative(order) * per_step)
+        })
     }
 
     /// The path ahead of a body at `position`, where it comes first in the goal.

@@ -43,7 +43,7 @@ impl Task for Cue {
     fn robot(&self) -> &Robot { &self.robot }
     fn horizon(&self) -> usize { CUE_STEPS }
     fn start(&self, start: &mut Start<'_>) {
-        let sign = 2.0 * start.task.below(2) as f64 - 1.0;
+        let sign = 2.0 * start.task.below(2) - 1.0;
         start.goal.field("sign", "-", "−1 or 1").number(sign);
     }
     fn observe(&self, view: &View, _: usize, out: &mut Writer) {
@@ -72,13 +72,14 @@ const SIDE: usize = 6;
 const BRIGHT_STEPS: usize = 2;
 
 impl Bright {
-    fn draw(start: &mut Start<'_>, row: usize, column: usize) {
-        let places = [row, column].map(|at| 0.3 + 0.4 * at as f64 / (SIDE - 1) as f64);
+    fn draw(start: &mut Start<'_>, [row, column]: [Trace; 2]) {
+        let places = [row, column].map(|at| 0.3 + at * (0.4 / (SIDE - 1) as f64));
         start.goal.field("place", "-", "row and column, 0.3 to 0.7").array(places);
         start.goal.field("picture", "-", "pixels");
         for at in 0..SIDE * SIDE {
             let dim = start.task.uniform(0.0, 0.5);
-            start.goal.number(if at == row * SIDE + column { 1.0 } else { dim });
+            let is_here = (row * SIDE as f64 + column - at as f64).abs().lt(0.5);
+            start.goal.number(Trace::select(is_here, Trace::one(), dim));
         }
     }
 }
@@ -88,8 +89,8 @@ impl Task for Bright {
     fn robot(&self) -> &Robot { &self.robot }
     fn horizon(&self) -> usize { BRIGHT_STEPS }
     fn start(&self, start: &mut Start<'_>) {
-        let [row, column] = [(); 2].map(|()| start.task.below(SIDE as u64) as usize);
-        Self::draw(start, row, column);
+        let place = [(); 2].map(|()| start.task.below(SIDE as u64));
+        Self::draw(start, place);
     }
     fn observe(&self, view: &View, _: usize, out: &mut Writer) {
         out.field("picture", "-", "brightness").within(0.0, 1.0).image(SIDE, SIDE, 1);
@@ -105,7 +106,7 @@ impl Task for Bright {
     }
     fn ends(&self, _: &View, _: &mut Ends) {}
     fn success(&self, _: &View) -> TraceMask { Trace::one().lt(Trace::zero()) }
-    fn ideal(&self, start: &mut Start<'_>) { Self::draw(start, 2, 3); }
+    fn ideal(&self, start: &mut Start<'_>) { Self::draw(start, [2.0, 3.0].map(Trace::from)); }
 }
 
 fn make_cue(config: &EnvConfig) -> Result<Env> {

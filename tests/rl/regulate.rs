@@ -76,7 +76,7 @@ impl Regulate {
     }
 }
 
-fn set_poison(start: &mut Start<'_>, poison: f64) {
+fn set_poison(start: &mut Start<'_>, poison: impl Into<Trace>) {
     start.goal.field("poison", "-", "1 where what is seen is not finite").number(poison);
 }
 
@@ -88,7 +88,7 @@ impl Task for Regulate {
         STEPS
     }
     fn start(&self, start: &mut Start<'_>) {
-        let poison = f64::from(u8::from(start.task.unit() < self.poison));
+        let poison = Trace::select(start.task.unit().lt(self.poison), Trace::one(), Trace::zero());
         set_poison(start, poison);
         let position = start.position([[-0.03, 0.03], [-0.03, 0.03], [1.97, 2.03]]);
         let attitude = start.attitude(0.02, [-0.02, 0.02]);

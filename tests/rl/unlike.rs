@@ -30,7 +30,7 @@ impl Task for Pair {
     fn horizon(&self) -> usize { 100 }
     fn start(&self, start: &mut Start<'_>) {
         for (i, z) in HEIGHTS.into_iter().enumerate() {
-            let position = [2.0 * i as f64, 0.0, z + start.reset.uniform(-0.5, 0.5)];
+            let position = [(2.0 * i as f64).into(), Trace::zero(), z + start.reset.uniform(-0.5, 0.5)];
             start.place(i, position, [1.0, 0.0, 0.0, 0.0]);
         }
     }

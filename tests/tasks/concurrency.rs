@@ -6,7 +6,7 @@ use omnidrones::parallel::Threads;
 use omnidrones::rl::Learner;
 use omnidrones::rl::apg::{Apg, ApgConfig};
 use omnidrones::rng::{Purpose, Stream};
-use omnidrones::tasks::{Buffers, Ends, Env, EnvConfig, Robot, Start, Task, View, Writer};
+use omnidrones::tasks::{Buffers, Ends, Env, EnvConfig, HostStart, Robot, Start, Task, View, Writer};
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::mpsc::{RecvTimeoutError, channel};
@@ -20,6 +20,16 @@ const LIMIT: Duration = Duration::from_secs(60);
 /// A task whose goal jumps into a panic, on whichever thread steps it.
 struct Faulty(Robot);
 
+impl HostStart for Faulty {
+    fn start(&self, start: &mut Start<'_, f64>) {
+        start.place(0, [0.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0]);
+        start.event_at = 2.0;
+    }
+    fn event(&self, _: &mut Start<'_, f64>) {
+        resume_unwind(Box::new("a goal that cannot jump"));
+    }
+}
+
 impl Task for Faulty {
     fn robot(&self) -> &Robot {
         &self.0
@@ -27,12 +37,9 @@ impl Task for Faulty {
     fn horizon(&self) -> usize {
         40
     }
-    fn start(&self, start: &mut Start<'_>) {
-        self.ideal(start);
-        start.event_at = 2.0;
-    }
-    fn event(&self, _: &mut Start<'_>) {
-        resume_unwind(Box::new("a goal that cannot jump"));
+    fn start(&self, _: &mut Start<'_>) {}
+    fn start_on_host(&self) -> Option<&dyn HostStart> {
+        Some(self)
     }
     fn observe(&self, view: &View, _: usize, out: &mut Writer) {
         out.field("height", "m", "p_z").number(view.drone(0).position[2]);

@@ -30,14 +30,14 @@ impl Task for Jumping {
     fn start(&self, start: &mut Start<'_>) {
         let target = start.task.uniform(0.0, 0.8);
         start.goal.field("target", "-", "jumps").number(target);
-        start.event_at = 1.0 + start.task.below(5) as f64;
+        start.event_at = 1.0 + start.task.below(5);
     }
 
     fn event(&self, start: &mut Start<'_>) {
         start.goal[0] = start.task.unit();
-        start.task_state[0] += 1.0;
+        start.task_state[0] += Trace::one();
         start.numbers[1] = 0.5 + start.goal[0];
-        start.event_at += 1.0 + start.task.below(5) as f64;
+        start.event_at += 1.0 + start.task.below(5);
     }
 
     fn remember(&self, view: &View, task_state: &mut Writer) {

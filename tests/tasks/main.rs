@@ -22,6 +22,7 @@ mod sensing;
 mod several_drones;
 #[cfg(debug_assertions)] // products that wrap are told there alone
 mod sizes;
+mod starts;
 mod tables;
 mod teams;
 mod transforms;

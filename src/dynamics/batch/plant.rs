@@ -184,23 +184,6 @@ impl Plant {
         self.n_state() + k
     }
 
-    /// Gives one environment of a block numbers of its own, those of the system's vector at `which`. Allocates in a
-    /// block's first call only.
-    pub(crate) fn set_numbers(&self, block: &mut Block, lane: usize, numbers: &[f64], which: &[usize]) {
-        let rows = self.own(block);
-        match self {
-            Self::Rigid(p) => {
-                let mut rows = rows.iter_mut();
-                p.pack(numbers, |x| {
-                    if let Some(row) = rows.next() {
-                        row[lane] = x as f32;
-                    }
-                });
-            }
-            Self::Tree(_) => which.iter().for_each(|k| rows[*k][lane] = numbers[*k] as f32),
-        }
-    }
-
     /// First row of the nine numbers of each tree's disturbance; none without that effect.
     pub(crate) fn disturbance_rows(&self) -> Vec<usize> {
         match self {

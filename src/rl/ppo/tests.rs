@@ -241,7 +241,7 @@ impl Task for Broken {
         CUT
     }
     fn start(&self, start: &mut Start<'_>) {
-        let kind = if start.task.below(4) == 0 { f64::NAN } else { 1.0 };
+        let kind = Trace::select(start.task.below(4).lt(0.5), f64::NAN.into(), Trace::one());
         start.goal.field("kind", "-", "1 or NaN").number(kind);
     }
     fn observe(&self, view: &View, _: usize, out: &mut Writer) {

@@ -1,9 +1,10 @@
 //! Sixty-four environments: what they hold between steps, and the memory that a step works in.
 
+use super::begin::Draft;
+use super::draws::BlockDraws;
 use super::layout::Kept;
 use super::programs::Scratch;
 use super::residual::Lead;
-use super::restart::Draft;
 use super::sensing::{Senses, Sensors};
 use crate::autodiff::program::BLOCK;
 use crate::dynamics::batch::{Block, Culprit};
@@ -79,6 +80,8 @@ pub(crate) struct Sizes {
     pub normalised: usize,
     /// Normal draws of one agent in a step.
     pub noise: usize,
+    /// Most draws of a start or an event.
+    pub draw: usize,
 }
 
 impl Sizes {
@@ -158,6 +161,7 @@ pub(crate) struct Workspace {
     pub after: Columns,
     pub scratch: Scratch,
     pub draft: Draft,
+    pub drawn: BlockDraws,
     /// Controllers that actions change the commands of.
     pub lead: Option<Lead>,
     /// What sensors are read with.
@@ -175,4 +179,14 @@ pub(crate) mod signal {
     /// Whether physics gave up in the step.
     pub(crate) const GAVE_UP: usize = 6;
     pub(crate) const COUNT: usize = 7;
+}
+
+/// Rows of what begins.
+pub(crate) mod beginning {
+    /// 1 where an episode begins or an event happens, if what was drawn is accepted; 2 where it does in any case.
+    pub(crate) const WHERE: usize = 0;
+    pub(crate) const DIFFICULTY: usize = 1;
+    /// Whether what was drawn is accepted.
+    pub(crate) const ACCEPTED: usize = 2;
+    pub(crate) const COUNT: usize = 3;
 }

@@ -1,11 +1,12 @@
 //! What all environments of a batch share and a step only reads.
 
+use super::begin::{Draft, Plans};
 use super::block::{Columns, Sizes, Workspace};
 use super::control::Control;
+use super::draws::BlockDraws;
 use super::layout::EnvLayout;
 use super::programs::Programs;
 use super::residual::Residual;
-use super::restart::Draft;
 use super::sensing::Sensing;
 use super::told::Told;
 use super::transition::{StepLayout, transition};
@@ -45,6 +46,8 @@ pub(crate) struct Core {
     pub told: Told,
     pub pipeline: Pipeline,
     pub randomiser: Randomiser,
+    /// What the host draws.
+    pub plans: Plans,
     /// Share of what makes episodes hard, 0 to 1.
     pub difficulty: f64,
     /// Share of the episodes that have less.
@@ -128,7 +131,8 @@ impl Core {
             rows: Columns::zeros(self.layout.work.count),
             after: Columns::zeros(self.plant.n_row()),
             scratch: self.programs().scratch(),
-            draft: Draft::new(self),
+            draft: Draft::new(self.robot(), self.sizes.goal, self.sizes.task_state),
+            drawn: BlockDraws::new(),
             lead: self.residual.as_ref().map(|residual| residual.lead(self.robot())),
             senses: self.sensing.as_ref().map(|sensing| sensing.senses(self)),
         }

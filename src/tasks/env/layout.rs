@@ -4,7 +4,7 @@
 //! ([`Block`](crate::dynamics::batch::Block)); the others are of three kinds: what an environment keeps between steps, what a step
 //! works with, and what all environments share.
 
-use super::block::{Sizes, signal};
+use super::block::{Sizes, beginning, signal};
 use crate::dynamics::frame::FRAME;
 use std::ops::Range;
 
@@ -111,6 +111,10 @@ parts! {
         common: 2 + s.theta;
         /// What the normaliser sees.
         seen: s.agent * s.normalised;
+        /// See [`beginning`].
+        beginning: beginning::COUNT;
+        /// Drawn for a start or an event.
+        draws: s.draw;
     }
 }
 

@@ -15,6 +15,9 @@
 //! | `control` | from an agent's numbers to rotor actions |
 //! | `residual` | controllers whose commands actions change |
 //! | `transform` | noise and statistics of observations |
+//! | `begin` | how episodes begin and what events do, over recorded numbers and draws |
+//! | `plan` | what is drawn for these |
+//! | `draws` | draws of a block |
 //! | `restart` | episodes begin, goals change |
 //! | `sensing` | sensors of the agents |
 //! | `told` | which columns of information there are |
@@ -28,11 +31,13 @@
 //! | `single` | one environment, for newcomers |
 //! | `check` | whether an environment keeps its contract |
 
+pub(crate) mod begin;
 pub(crate) mod block;
 pub(crate) mod buffers;
 pub(crate) mod check;
 pub(crate) mod control;
 pub(crate) mod core;
+mod draws;
 pub(crate) mod gradient;
 pub(crate) mod inside;
 pub(crate) mod layout;
@@ -40,6 +45,7 @@ mod limits;
 mod mask;
 mod normaliser;
 pub(crate) mod phases;
+pub(crate) mod plan;
 pub(crate) mod programs;
 pub(crate) mod residual;
 mod restart;
@@ -63,6 +69,7 @@ pub(crate) use normaliser::VARIANCE_FLOOR;
 pub use spec::{AgentWidths, Column, Info, Space, Spec};
 pub use transition::StepLayout;
 
+use self::begin::Plans;
 use self::block::{Columns, EnvBlock, Sizes, Workspace};
 use self::buffers::Span;
 use self::control::{Control, LATCHED_PER_AGENT};
@@ -169,6 +176,7 @@ impl Env {
         let n_agent = task.n_agent();
         let control = Control::new(config, robot, n_agent)?;
         let pipeline = Pipeline::new(&config.observation, &shown, &theta)?;
+        let plans = Plans::of(&*task, &randomiser, &varied, [total(&own.goal), total(&own.task_state)])?;
         let sizes = Sizes {
             term: own.reward.len(),
             hold: ((own.success.held / config.dt).round() as usize).min(task.horizon()),
@@ -194,6 +202,7 @@ impl Env {
             held: n_agent * LATCHED_PER_AGENT,
             normalised: extent.normalised.unwrap_or(0),
             noise: pipeline.noise,
+            draw: plans.n_draw,
         };
         // numbers that vary may leave zero, so nothing may be left out
         let plant = match robot.plant() {
@@ -239,6 +248,7 @@ impl Env {
             sizes,
             pipeline,
             randomiser,
+            plans,
             difficulty: config.difficulty,
             easier: config.easier,
             varying: plant.varying(&nominal, &varied),

@@ -13,6 +13,7 @@ use super::core::Core;
 use super::layout::{EnvLayout, Kept, Part, Working};
 use crate::autodiff::{Mask, Scalar, Trace, TraceMask};
 use crate::dynamics::batch::{ALIVE, STOPPED};
+use crate::error::Error;
 use crate::tasks::declare::{Ends, Writer};
 use crate::tasks::observation::AgentArrays;
 use crate::tasks::task::View;
@@ -30,15 +31,16 @@ pub(crate) struct Numbers {
 }
 
 impl Numbers {
-    /// All but those of the model, which no step changes, one array after the other.
-    pub(crate) fn all(&self) -> impl Iterator<Item = Trace> {
-        [&self.plant, &self.kept, &self.work, &self.shared].into_iter().flatten().copied()
+    /// One array after the other, those of the model that vary last.
+    pub(crate) fn all(&self, core: &Core) -> impl Iterator<Item = Trace> {
+        let varying = core.varying.iter().map(|k| self.model[*k]);
+        [&self.plant, &self.kept, &self.work, &self.shared].into_iter().flatten().copied().chain(varying)
     }
 }
 
 /// An environment in a step.
 pub(crate) struct Step<'a> {
-    core: &'a Core,
+    pub core: &'a Core,
     layout: &'a EnvLayout,
     pub numbers: Numbers,
     /// Whether what explodes is stopped. Derivatives are taken of steps that went well.
@@ -51,6 +53,8 @@ pub(crate) struct Step<'a> {
     pub terms: Vec<Trace>,
     /// What cascades hold within a step.
     latched: Vec<Trace>,
+    /// Why it cannot be: a task answered otherwise than before.
+    pub fault: Option<Error>,
 }
 
 fn constant(x: f64) -> Trace {
@@ -58,7 +62,7 @@ fn constant(x: f64) -> Trace {
 }
 
 /// 1 where the mask holds, else 0.
-fn number(mask: TraceMask) -> Trace {
+pub(crate) fn number(mask: TraceMask) -> Trace {
     Trace::select(mask, Trace::one(), Trace::zero())
 }
 
@@ -73,30 +77,31 @@ impl<'a> Step<'a> {
         let (state, layout) = (numbers.plant[..core.plant.n_state()].to_vec(), &core.layout);
         let goal = layout.kept.goal.of(&numbers.kept).to_vec();
         let latched = vec![Trace::zero(); core.sizes.held];
-        Self { core, layout, numbers, contains: true, state, frames: Vec::new(), goal, terms: Vec::new(), latched }
+        let (frames, terms) = (Vec::new(), Vec::new());
+        Self { core, layout, numbers, contains: true, state, frames, goal, terms, latched, fault: None }
     }
 
-    fn kept(&self, part: impl Fn(&Kept) -> Part) -> &[Trace] {
+    pub(crate) fn kept(&self, part: impl Fn(&Kept) -> Part) -> &[Trace] {
         part(&self.layout.kept).of(&self.numbers.kept)
     }
 
-    fn kept_mut(&mut self, part: impl Fn(&Kept) -> Part) -> &mut [Trace] {
+    pub(crate) fn kept_mut(&mut self, part: impl Fn(&Kept) -> Part) -> &mut [Trace] {
         part(&self.layout.kept).of_mut(&mut self.numbers.kept)
     }
 
-    fn work(&self, part: impl Fn(&Working) -> Part) -> &[Trace] {
+    pub(crate) fn work(&self, part: impl Fn(&Working) -> Part) -> &[Trace] {
         part(&self.layout.work).of(&self.numbers.work)
     }
 
-    fn work_mut(&mut self, part: impl Fn(&Working) -> Part) -> &mut [Trace] {
+    pub(crate) fn work_mut(&mut self, part: impl Fn(&Working) -> Part) -> &mut [Trace] {
         part(&self.layout.work).of_mut(&mut self.numbers.work)
     }
 
-    fn episode(&self, row: usize) -> Trace {
+    pub(crate) fn episode(&self, row: usize) -> Trace {
         self.kept(|kept| kept.episode_state)[row]
     }
 
-    fn set_episode(&mut self, row: usize, value: Trace) {
+    pub(crate) fn set_episode(&mut self, row: usize, value: Trace) {
         self.kept_mut(|kept| kept.episode_state)[row] = value;
     }
 
@@ -313,6 +318,14 @@ impl<'a> Step<'a> {
         let view = self.view();
         let central = Writer::written(|out| self.core.task.central(&view, out)).numbers();
         self.work_mut(|work| work.central).copy_from_slice(&central);
+    }
+
+    /// What is observed of the environment as it stands.
+    pub(crate) fn show(&mut self) {
+        self.state.copy_from_slice(&self.numbers.plant[..self.core.plant.n_state()]);
+        self.goal = self.kept(|kept| kept.goal).to_vec();
+        self.move_frames();
+        self.observe();
     }
 
     /// What sensors read, behind what the task shows.

@@ -1,6 +1,6 @@
 //! The phases of a step as programs, in place over the rows of a block of environments.
 
-use super::block::EnvBlock;
+use super::block::{EnvBlock, beginning};
 use super::core::Core;
 use super::layout::{EnvLayout, Part};
 use super::phases::{Numbers, Step};
@@ -29,6 +29,10 @@ pub(crate) struct Programs {
     pub transform: Option<StageProgram>,
     /// Where all bodies are, where sensors ask.
     pub frames: Option<RowProgram>,
+    /// Episodes that begin, and what is observed there.
+    pub start: RowProgram,
+    /// What an event does, where there may be one, and what is observed behind it.
+    pub event: Option<RowProgram>,
 }
 
 /// Phases that work on rows.
@@ -60,14 +64,21 @@ impl Made {
         let mut hasher = DefaultHasher::new();
         (&recording, &layout).hash(&mut hasher);
         let hash = hasher.finish();
-        let alike: Vec<Arc<Self>> = known().get(&hash).into_iter().flatten().filter_map(Weak::upgrade).collect();
-        let is_same = |made: &Arc<Self>| made.recording == recording && made.layout == layout;
-        if let Some(made) = alike.into_iter().find(is_same) {
+        let find = |known: &Known| {
+            let alike = known.get(&hash).into_iter().flatten().filter_map(Weak::upgrade);
+            alike.into_iter().find(|made: &Arc<Self>| made.recording == recording && made.layout == layout)
+        };
+        let found = find(&known());
+        if let Some(made) = found {
             return Ok(made);
         }
         let executable = Executable::new(&Program::compile(&recording)?, layout.clone())?;
-        let made = Arc::new(Self { recording, layout, executable });
         let mut known = known();
+        // another thread may have made the same meanwhile
+        if let Some(made) = find(&known) {
+            return Ok(made);
+        }
+        let made = Arc::new(Self { recording, layout, executable });
         known.retain(|_, alike| {
             alike.retain(|made| made.strong_count() > 0);
             !alike.is_empty()
@@ -85,11 +96,15 @@ pub(crate) struct Scratch {
     pub observe: Option<Work<[f32; BLOCK]>>,
     pub transform: Option<Work<[f32; BLOCK]>>,
     pub frames: Option<Work<[f32; BLOCK]>>,
+    pub start: Option<Work<[f32; BLOCK]>>,
+    pub event: Option<Work<[f32; BLOCK]>>,
 }
 
-/// The arrays of what is kept and of work, behind that of physics: see [`Numbers`].
+/// The arrays of what is kept and of work, behind that of physics, before what all share and what varies of the model: see
+/// [`Numbers`].
 pub(super) const KEPT: u8 = 1;
 pub(super) const WORK: u8 = 2;
+const SHARED: u8 = 3;
 
 impl Programs {
     pub(crate) fn of(core: &Core) -> Result<Self> {
@@ -97,8 +112,7 @@ impl Programs {
         let decodes = core.control.is_continuous();
         let senses = core.sensing.is_some();
         let observe = RowProgram::of(core, &[work.raw.range(), work.central.range()], |step| {
-            step.move_frames();
-            step.observe();
+            step.show();
         })?;
         let mut told = vec![work.raw.range(), work.central.range(), work.metrics.range(), work.signals.range()];
         told.extend(observe.reads.iter().map(|row| *row..row + 1));
@@ -106,11 +120,26 @@ impl Programs {
             told.push(work.frames.range());
         }
         let is_led = core.residual.is_some();
+        let accepted = work.beginning.range().start + beginning::ACCEPTED;
+        let begun = [accepted..accepted + 1, work.speeds.range(), work.raw.range(), work.central.range()];
         let act = |step: &mut Step<'_>| {
             if decodes {
                 step.clip(&step.actions());
             }
             step.delay();
+        };
+        let mut has_events = true;
+        let start = RowProgram::of(core, &begun, |step| {
+            has_events = step.begin();
+            step.show();
+        })?;
+        let event = if has_events {
+            Some(RowProgram::of(core, &begun, |step| {
+                step.event();
+                step.show();
+            })?)
+        } else {
+            None
         };
         Ok(Self {
             act: if is_led && (decodes || core.sizes.delay > 0) {
@@ -138,6 +167,8 @@ impl Programs {
             } else {
                 None
             },
+            start,
+            event,
         })
     }
 
@@ -150,6 +181,8 @@ impl Programs {
             observe: Some(self.observe.scratch()),
             transform: self.transform.as_ref().map(|program| program.0.executable.work()),
             frames: of(&self.frames),
+            start: Some(self.start.scratch()),
+            event: of(&self.event),
         }
     }
 }
@@ -163,18 +196,22 @@ impl RowProgram {
         let is_told = |place: &Place| match place.array {
             _ if left_out.contains(place) => false,
             WORK => told.iter().any(|rows| rows.contains(&(place.row as usize))),
-            array => array <= KEPT,
+            array => array != SHARED,
         };
-        let mut results = Vec::new();
+        let (mut results, mut fault) = (Vec::new(), None);
         let recording = Recording::of_lanes(places.len(), |z| {
             let mut step = Step::new(core, core.numbers(z));
             phases(&mut step);
-            let changed = places.iter().zip(z).zip(step.numbers.all());
+            fault = step.fault.take();
+            let changed = places.iter().zip(z).zip(step.numbers.all(core));
             let changed = changed.filter(|((place, before), after)| !before.is(*after) && is_told(place));
             let (own, values) = changed.map(|((place, _), after)| (*place, after)).unzip();
             results = own;
             values
         });
+        if let Some(fault) = fault {
+            return Err(fault);
+        }
         let (recording, used) = recording.of_used_inputs();
         let arguments: Vec<Place> = used.iter().map(|k| places[*k]).collect();
         let reads = arguments.iter().filter(|place| place.array == WORK).map(|place| place.row as usize).collect();
@@ -207,9 +244,9 @@ impl RowProgram {
     ) {
         let scratch = scratch.get_or_insert_with(|| self.scratch());
         let EnvBlock { plant: Block { rows, numbers, .. }, kept, .. } = block;
-        let model = numbers.as_ref().map_or(&[][..], |rows| rows);
+        let model = numbers.as_mut().map_or(&mut [][..], |rows| rows);
         let mut arrays =
-            [Rows::Write(rows), Rows::Write(kept), Rows::Write(work), Rows::Read(&core.shared), Rows::Read(model)];
+            [Rows::Write(rows), Rows::Write(kept), Rows::Write(work), Rows::Read(&core.shared), Rows::Write(model)];
         let n = self.made.layout.n_array();
         self.made.executable.run_within(scratch, &mut arrays[..n], lanes).expect("rows of the environment");
     }

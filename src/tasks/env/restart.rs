@@ -1,71 +1,75 @@
-//! What happens to single environments of a block: episodes begin, goals change. In `f64`, one after the other.
+//! What happens to single environments of a block: episodes begin, goals change. What is recorded runs as a program over the draws of
+//! the host; what no recording can hold is done in `f64`, one environment after the other.
 
-use super::block::{episode_state, take};
+use super::begin::Draft;
+use super::block::{beginning, episode_state, take};
 use super::core::Core;
 use super::mask::lanes_of;
-use super::stepper::Stepper;
+use super::plan::Plan;
+use super::programs::{RowProgram, Scratch};
+use super::stepper::{Stepper, registers_of};
+use crate::autodiff::lanes::ones;
+use crate::autodiff::native::Work;
 use crate::autodiff::program::BLOCK;
-use crate::dynamics::batch::ALIVE;
-use crate::rng::{Purpose, Stream};
-use crate::tasks::declare::Goal;
-use crate::tasks::task::{Start, streams};
+use crate::rng::{Purpose, Stream, ln};
+use crate::tasks::start::{Streams, key_of_event, key_of_start, position_of_event};
+use crate::tasks::task::HostStart;
 
 const STAGGER: Purpose = Purpose::user(0x57a6);
 const DELAY: Purpose = Purpose::user(0xde1a);
 const TRUNCATE: Purpose = Purpose::user(0x7c07);
 const EASIER: Purpose = Purpose::user(0xea51);
 
-/// Numbers of one environment where an episode begins, a goal changes, or all is ideal.
-#[derive(Debug, Clone)]
-pub(crate) struct Draft {
-    pub state: Vec<f64>,
-    pub goal: Vec<f64>,
-    pub task_state: Vec<f64>,
-    pub numbers: Vec<f64>,
-}
+/// That of one program.
+type OwnScratch = fn(&mut Scratch) -> &mut Option<Work<[f32; BLOCK]>>;
 
-impl Draft {
-    /// At rest, with nominal numbers and nothing else.
-    pub(crate) fn new(core: &Core) -> Self {
-        let (s, state, numbers) = (&core.sizes, core.robot().rest().to_vec(), core.nominal.clone());
-        Self { state, goal: vec![0.0; s.goal], task_state: vec![0.0; s.task_state], numbers }
-    }
-
-    fn clear(&mut self, core: &Core) {
-        self.state.copy_from_slice(core.robot().rest());
-        self.goal.fill(0.0);
-        self.task_state.fill(0.0);
-        self.numbers.copy_from_slice(&core.nominal);
-    }
-
-    /// For a task to change.
-    pub(crate) fn start<'a>(
-        &'a mut self,
-        core: &'a Core,
-        [reset, task, once]: [Stream; 3],
-        event_at: f64,
-        difficulty: f64,
-    ) -> Start<'a> {
-        let Self { state, goal, task_state, numbers } = self;
-        let (robot, goal) = (core.robot(), Goal::over(goal));
-        Start { robot, state, goal, task_state, numbers, reset, task, once, event_at, difficulty }
-    }
-}
-
-/// Numbers into one lane.
-fn put(rows: &mut [[f32; BLOCK]], lane: usize, values: &[f64]) {
-    rows.iter_mut().zip(values).for_each(|(row, value)| row[lane] = *value as f32);
-}
+/// A recorded start or event: its program, what is drawn for it, scratch.
+type Recorded<'a> = (&'a RowProgram, &'a Plan, OwnScratch);
 
 impl Stepper<'_> {
     /// Begins the next episode of these lanes and looks at them.
     pub(crate) fn begin(&mut self, lanes: u64) {
-        if lanes != 0 {
-            lanes_of(lanes).for_each(|lane| self.restart(lane));
-            self.sense_first(lanes);
-            self.look(lanes);
-            self.transformed(lanes, lanes);
+        if lanes == 0 {
+            return;
         }
+        let core = self.core;
+        let recorded: Recorded<'_> = (&core.programs().start, &core.plans.start, |scratch| &mut scratch.start);
+        if let Some(host) = core.task.start_on_host() {
+            lanes_of(lanes).for_each(|lane| {
+                self.next_episode(lane);
+                self.start_on_host(host, lane);
+            });
+            self.run_begun(recorded, lanes, true);
+        } else {
+            self.run_drawn(recorded, lanes, key_of_start, |own, lane| {
+                own.next_episode(lane);
+                0
+            });
+        }
+        if core.sizes.beginning > 0 {
+            let layout = &core.layout.kept;
+            lanes_of(lanes).for_each(|lane| self.block.keep_beginning(layout, lane));
+        }
+        self.sense_first(lanes);
+        self.show_readings();
+        self.transformed(lanes, lanes);
+    }
+
+    /// Lets the events of these lanes happen and looks at them: goals may change, task states, and numbers that vary.
+    pub(crate) fn happen(&mut self, lanes: u64) {
+        let core = self.core;
+        let Some(program) = &core.programs().event else { return };
+        let recorded: Recorded<'_> = (program, &core.plans.event, |scratch| &mut scratch.event);
+        if let Some(host) = core.task.start_on_host() {
+            lanes_of(lanes).for_each(|lane| self.event_on_host(host, lane));
+            self.run_begun(recorded, lanes, true);
+        } else {
+            self.run_drawn(recorded, lanes, key_of_event, |own, lane| {
+                position_of_event(own.block.kept[episode_state::STEP][lane])
+            });
+        }
+        lanes_of(lanes).for_each(|lane| self.look_around(lane));
+        self.show_readings();
     }
 
     /// Seed, environment and episode of a lane.
@@ -74,89 +78,103 @@ impl Stepper<'_> {
         [self.block.seed[lane], environment, self.block.episode[lane]]
     }
 
-    fn restart(&mut self, lane: usize) {
+    /// What the host counts of an episode, in whole steps, and what is long and zero.
+    fn next_episode(&mut self, lane: usize) {
         self.block.episode[lane] = self.block.episode[lane].wrapping_add(1);
         let (core, key) = (self.core, self.key(lane));
-        let (block, draft, difficulty) = (&mut *self.block, &mut self.work.draft, core.difficulty_of(key));
-        draft.clear(core);
-        let mut start = draft.start(core, streams(key[0], key[1], key[2]), f64::INFINITY, difficulty);
-        core.task.start(&mut start);
-        let (event_at, mut wind) = (start.event_at, [0.0; 3]);
-        core.randomiser.apply(key, difficulty, &mut draft.numbers, &mut wind);
-        core.randomiser.hover(core.robot().rest(), &draft.numbers, &mut draft.state);
-        let layout = &core.layout.kept;
-        layout.episode_state.of_mut(&mut block.kept).iter_mut().for_each(|row| row[lane] = 0.0);
-        let offset = core.offset(key);
+        let (block, offset) = (&mut *self.block, core.offset(key));
         block.kept[episode_state::OFFSET][lane] = offset;
         block.kept[episode_state::LAST][lane] = core.last_step(key, offset);
-        block.kept[episode_state::RUNNING][lane] = 1.0;
-        block.kept[episode_state::EVENT][lane] = event_at.min(f64::from(f32::MAX)) as f32;
         block.kept[episode_state::DELAY][lane] = core.delay_of(key);
-        for (k, row) in layout.line.of_mut(&mut block.kept).iter_mut().enumerate() {
-            row[lane] = core.control.safe[k % core.control.safe.len()] as f32;
-        }
-        layout.history.of_mut(&mut block.kept).iter_mut().for_each(|row| row[lane] = 0.0);
+        core.layout.kept.history.of_mut(&mut block.kept).iter_mut().for_each(|row| row[lane] = 0.0);
         block.started |= 1 << lane;
-        self.install(lane, wind);
-        self.block.keep_beginning(layout, lane);
     }
 
-    /// Copies the numbers of a start into a lane.
-    fn install(&mut self, lane: usize, wind: [f64; 3]) {
-        let (core, block, draft) = (self.core, &mut *self.block, &self.work.draft);
-        put(&mut block.plant.rows, lane, &draft.state);
-        block.plant.rows[core.plant.alive_row()][lane] = ALIVE;
-        let (layout, kept) = (&core.layout.kept, &mut block.kept);
-        put(layout.goal.of_mut(kept), lane, &draft.goal);
-        put(layout.task_state.of_mut(kept), lane, &draft.task_state);
-        put(layout.air.of_mut(kept), lane, &wind);
-        if !core.varied.is_empty() {
-            core.plant.set_numbers(&mut block.plant, lane, &draft.numbers, &core.varied);
-            for (row, k) in layout.theta.of_mut(kept).iter_mut().zip(&core.varied) {
-                row[lane] = draft.numbers[*k] as f32;
+    /// Draws for these lanes what a program asks for, until it is accepted: by the key of every stream, from the word on
+    /// that `open` tells of a lane.
+    fn run_drawn(
+        &mut self,
+        recorded: Recorded<'_>,
+        lanes: u64,
+        key_of: impl Fn([u64; 3], usize) -> [u64; 4],
+        open: impl Fn(&mut Self, usize) -> u64,
+    ) {
+        let (core, plan) = (self.core, recorded.1);
+        self.work.drawn.clear();
+        for lane in lanes_of(lanes) {
+            let position = open(self, lane);
+            let key = self.key(lane);
+            let rows = core.layout.work.beginning.of_mut(&mut self.work.rows);
+            rows[beginning::DIFFICULTY][lane] = core.difficulty_of(key) as f32;
+            self.work.drawn.open(plan, |stream| key_of(key, stream), position);
+        }
+        let mut left = lanes;
+        for time in 1..=plan.most {
+            let draws = core.layout.work.draws.of_mut(&mut self.work.rows);
+            self.work.drawn.draw(plan, lanes, left, time == 1, draws);
+            self.run_begun(recorded, left, time == plan.most);
+            left &= !ones(&core.layout.work.beginning.of(&self.work.rows)[beginning::ACCEPTED]);
+            if left == 0 {
+                return;
             }
         }
-        let speeds = core.layout.work.speeds.of_mut(&mut self.work.rows);
-        for (row, speed) in speeds.iter_mut().zip(&core.speed_rows) {
-            row[lane] = block.plant.rows[*speed][lane];
-        }
     }
 
-    /// A task's event in one lane: its goal may change, its task state, and the numbers that vary.
-    pub(crate) fn event(&mut self, lane: usize) {
+    /// Runs the program of a start or an event where these lanes are, the last time or once of several.
+    fn run_begun(&mut self, (program, _, scratch): Recorded<'_>, lanes: u64, is_last: bool) {
+        let (core, n) = (self.core, self.n());
+        let which = &mut core.layout.work.beginning.of_mut(&mut self.work.rows)[beginning::WHERE];
+        *which = [0.0; BLOCK];
+        lanes_of(lanes).for_each(|lane| which[lane] = if is_last { 2.0 } else { 1.0 });
+        for lanes in registers_of(lanes, n) {
+            program.run(scratch(&mut self.work.scratch), core, self.block, &mut self.work.rows, lanes);
+        }
+    }
+}
+
+/// On the host.
+impl Stepper<'_> {
+    fn start_on_host(&mut self, host: &dyn HostStart, lane: usize) {
         let (core, key) = (self.core, self.key(lane));
-        let [seed, environment, episode] = key;
-        let (block, draft) = (&mut *self.block, &mut self.work.draft);
-        let step = block.kept[episode_state::STEP][lane];
-        // an event draws far fewer than 256 words
-        let stream = |purpose: Purpose| Stream::restore([seed, environment, episode, purpose.0], 256 * step as u64);
+        let (source, draft) = (Streams::of_start(key), &mut self.work.draft);
+        draft.clear(core);
+        draft.begin((core.robot(), &core.randomiser), &source, core.difficulty_of(key), |start| host.start(start));
+        self.write_draft(lane);
+    }
+
+    fn event_on_host(&mut self, host: &dyn HostStart, lane: usize) {
+        let (core, key) = (self.core, self.key(lane));
+        let (block, draft, layout) = (&*self.block, &mut self.work.draft, &core.layout.kept);
+        draft.clear(core);
         take(&block.plant.rows, lane, &mut draft.state);
-        let layout = &core.layout.kept;
         take(layout.goal.of(&block.kept), lane, &mut draft.goal);
         take(layout.task_state.of(&block.kept), lane, &mut draft.task_state);
-        draft.numbers.copy_from_slice(&core.nominal);
         for (row, k) in layout.theta.of(&block.kept).iter().zip(&core.varied) {
             draft.numbers[*k] = f64::from(row[lane]);
         }
-        let streams = [Purpose::user(0x0e11), Purpose::DISTURBANCE, Purpose::user(0x0e12)].map(stream);
-        // the step count, for tasks that say when the next one comes
-        let mut start = draft.start(core, streams, f64::from(step), core.difficulty_of(key));
-        core.task.event(&mut start);
-        let next = start.event_at;
-        block.kept[episode_state::EVENT][lane] = if next > f64::from(step) { next.min(1e30) as f32 } else { f32::MAX };
-        put(layout.goal.of_mut(&mut block.kept), lane, &draft.goal);
-        put(layout.task_state.of_mut(&mut block.kept), lane, &draft.task_state);
-        // what was drawn in f64 keeps its bits unless the task changed a number
-        let mut changed = false;
-        for (row, k) in layout.theta.of_mut(&mut block.kept).iter_mut().zip(&core.varied) {
-            let value = draft.numbers[*k] as f32;
-            changed |= row[lane].to_bits() != value.to_bits();
-            row[lane] = value;
-        }
-        if changed {
-            core.plant.set_numbers(&mut block.plant, lane, &draft.numbers, &core.varied);
-        }
-        self.look_around(lane);
+        let step = block.kept[episode_state::STEP][lane];
+        draft.event_at = f64::from(step);
+        let source = Streams::of_event(key, step);
+        draft.with(core.robot(), &source, core.difficulty_of(key), |start| host.event(start));
+        self.write_draft(lane);
+    }
+
+    /// What the host drafted, for the program that keeps it.
+    fn write_draft(&mut self, lane: usize) {
+        let rows = self.core.layout.work.draws.of_mut(&mut self.work.rows);
+        // what a task writes beyond its goal is nowhere told
+        self.work.draft.goal.truncate(self.core.sizes.goal);
+        self.work.draft.all(&self.core.varied).zip(rows).for_each(|(x, row)| row[lane] = *x as f32);
+    }
+}
+
+impl Draft {
+    fn clear(&mut self, core: &Core) {
+        self.state.copy_from_slice(core.robot().rest());
+        self.goal.fill(0.0);
+        self.task_state.fill(0.0);
+        self.numbers.copy_from_slice(&core.nominal);
+        (self.wind, self.event_at) = ([0.0; 3], f64::INFINITY);
     }
 }
 
@@ -177,7 +195,7 @@ impl Core {
             return left;
         }
         let more = 1.0 - Stream::new(seed, environment, episode, TRUNCATE).unit();
-        let drawn = (more.ln() / (-1.0 / self.truncate_after as f64).ln_1p()).ceil();
+        let drawn = (ln(more) / (-1.0 / self.truncate_after as f64).ln_1p()).ceil();
         drawn.clamp(1.0, f64::from(left)) as f32
     }
 

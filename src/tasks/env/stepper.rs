@@ -113,7 +113,7 @@ impl Stepper<'_> {
     }
 
     /// What sensors read, behind what tasks show.
-    fn show_readings(&mut self) {
+    pub(crate) fn show_readings(&mut self) {
         let (s, layout) = (&self.core.sizes, &self.core.layout);
         if s.reading == 0 {
             return;
@@ -197,8 +197,7 @@ impl Stepper<'_> {
         let due = ones(&signals[signal::DUE]) & self.running & !self.ended;
         // the reward was for the old goal, the next action is for the new one
         if due != 0 {
-            lanes_of(due).for_each(|lane| self.event(lane));
-            self.look(due);
+            self.happen(due);
         } else {
             self.show_readings();
         }
@@ -220,7 +219,7 @@ impl Stepper<'_> {
 }
 
 /// The registers that hold any of these lanes, of `n` that are real.
-fn registers_of(lanes: u64, n: usize) -> impl Iterator<Item = Range<usize>> {
+pub(crate) fn registers_of(lanes: u64, n: usize) -> impl Iterator<Item = Range<usize>> {
     let lanes = lanes & first_lanes(n);
     let holds = move |first: &usize| lanes >> first & u64::from(u16::MAX) != 0;
     (0..n).step_by(WIDEST).filter(holds).map(move |first| first..n.min(first + WIDEST))

@@ -1,8 +1,13 @@
 //! What only shows from inside.
 
+use super::begin::Draft;
 use super::block::episode_state;
 use super::*;
+use crate::autodiff::trace::on_constants;
+use crate::autodiff::{Scalar, Trace};
 use crate::tasks::config::{Autoreset, MAX_HORIZON};
+use crate::tasks::registry::names;
+use crate::tasks::start::Streams;
 
 fn hover(n_env: usize, horizon: usize) -> Env {
     let mut config = EnvConfig { n_env, ..EnvConfig::default() };
@@ -93,6 +98,53 @@ fn environments_of_a_kind_share_their_programs_and_others_do_not() {
     assert!(shares(&second) && !shares(&other)); // the clock is a share of the horizon
 }
 
+/// A start as its recording says it, on plain numbers.
+fn start_in_plain_numbers(core: &Core, key: [u64; 3]) -> Draft {
+    on_constants(|| {
+        let (robot, difficulty) = (core.robot(), Trace::constant(core.difficulty));
+        let mut draft = Draft::<Trace>::new(robot, core.sizes.goal, core.sizes.task_state);
+        let source = Streams::of_start(key);
+        draft.begin((robot, &core.randomiser), &source, difficulty, |start| core.task.start(start));
+        draft.known()
+    })
+}
+
+#[test]
+fn starts_of_every_task_are_those_of_plain_numbers() {
+    let changed = "seed = 5\ndifficulty = 0.7\n[[randomise]]\nwhat = 'mass'\nrange = [0.7, 1.3]\neach = true";
+    let along = ["Track", "PayloadTrack", "InvPendulumTrack", "TransportTrack", "FlyThrough", "PayloadFlyThrough"];
+    let along = along.map(|name| (name, "seed = 5\n[task]\nstart_along = 0.5"));
+    let usual = names().into_iter().flat_map(|name| ["seed = 5", changed].map(|text| (name, text)));
+    for (name, text) in usual.chain(along) {
+        let config = EnvConfig { n_env: 70, ..EnvConfig::from_toml(text, "text").unwrap() };
+        let mut env = Env::make(name, &config).unwrap();
+        if env.core.task.start_on_host().is_some() {
+            continue;
+        }
+        let mut out = Buffers::new(env.spec());
+        // the second episode of each
+        (0..2).for_each(|_| env.reset(None, None, &mut out.out()).unwrap());
+        let (core, mut off) = (&env.core, 0.0_f64);
+        for i in 0..70 {
+            let (block, lane, own) =
+                (&env.blocks[i / BLOCK], i % BLOCK, start_in_plain_numbers(core, [5, i as u64, 2]));
+            let kept = &core.layout.kept;
+            let theta: Vec<f64> = core.varied.iter().map(|k| own.numbers[*k]).collect();
+            let pairs = [
+                (&block.plant.rows[..core.plant.n_state()], &own.state),
+                (kept.goal.of(&block.kept), &own.goal),
+                (kept.task_state.of(&block.kept), &own.task_state),
+                (kept.theta.of(&block.kept), &theta),
+            ];
+            for (row, x) in pairs.into_iter().flat_map(|(rows, numbers)| rows.iter().zip(numbers)) {
+                off = off.max((f64::from(row[lane]) - x).abs() / x.abs().max(1.0));
+            }
+        }
+        println!("{name}: {off:.1e}");
+        // 5.4e-7; 6.7e-6 along a path, whose phase is several radians
+        assert!(off < if text.contains("along") { 1e-5 } else { 1e-6 }, "{name} with {text}: {off:e}");
+    }
+}
 /// Seventy environments that tell these columns.
 fn telling(task: &str, info: Option<&[&str]>, more: &str) -> Env {
     let info = info.map(|names| names.iter().map(|name| (*name).into()).collect());

@@ -1,11 +1,11 @@
 //! One step of one environment as a recording, without restarts: the function that gradients are taken of. It gives the
 //! adjoint that runs in lanes; duals through the recording give Jacobians.
 
+use super::begin::Draft;
 use super::block::{episode_state, signal};
 use super::core::Core;
 use super::layout::{EnvLayout, Kept, Part};
 use super::phases::{Numbers, Step};
-use super::restart::Draft;
 use super::sensing::POSE;
 use super::spec::fnv;
 use crate::autodiff::{Scalar, Trace};
@@ -14,7 +14,7 @@ use crate::dynamics::batch::ALIVE;
 use crate::tasks::any_task::Snapshot;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::robot::Robot;
-use crate::tasks::task::{TaskReference, streams};
+use crate::tasks::task::TaskReference;
 use std::ops::Range;
 
 /// Where everything stands among the arguments and results of a step that gradients are taken of.
@@ -178,15 +178,12 @@ pub(crate) fn config_hash(name: &str, config: &EnvConfig, varied: &[usize]) -> u
 
 /// What a task calls ideal.
 pub(crate) fn ideal(core: &Core) -> Draft {
-    let mut own = Draft::new(core);
-    let mut start = own.start(core, streams(0, 0, 0), f64::INFINITY, 1.0);
-    core.task.ideal(&mut start);
-    own
+    Draft::ideal(&*core.task, core.sizes.goal, core.sizes.task_state)
 }
 
 /// The summands of the reward in the task's ideal state.
 pub(crate) fn ideal_terms(core: &Core) -> Vec<f64> {
-    let Draft { state, goal, task_state, numbers } = ideal(core);
+    let Draft { state, goal, task_state, numbers, .. } = ideal(core);
     let seen = Snapshot::of(core.robot(), &core.exposed, &numbers, &state, &goal, task_state);
     seen.ask(core.robot(), |view| core.reward(view).iter().map(|x| x.known().unwrap_or(f64::NAN)).collect())
 }

@@ -20,7 +20,8 @@ use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
 use crate::tasks::reward::{both, exponential_kernel, smooth_norm};
 use crate::tasks::robot::{Robot, benchmark_motors};
-use crate::tasks::task::{ANY_YAW, BuiltIn, Start, Task, TaskReference, View};
+use crate::tasks::start::{ANY_YAW, Start};
+use crate::tasks::task::{BuiltIn, Task, TaskReference, View};
 
 /// Links.
 const LINKS: usize = 4;
@@ -120,15 +121,14 @@ impl Task for DragonHover {
         let own = &self.settings;
         let target_heading = yawed(start.task.uniform(ANY_YAW[0], ANY_YAW[1]));
         set_heading(start, target_heading);
-        for _ in 0..100 {
+        start.again(100, |start| {
             let (position, attitude) = own.start.draw(start);
             start.place(0, position, attitude);
-            let middle = add(position, rotate(attitude, MIDDLE));
-            let heading = rotate(attitude, [1.0, 0.0, 0.0]);
-            if safe::norm(both(sub(own.target, middle), sub(target_heading, heading))) <= own.start_distance {
-                break;
-            }
-        }
+            let middle = add(position, rotate(attitude, constants(MIDDLE)));
+            let heading = rotate(attitude, constants([1.0, 0.0, 0.0]));
+            let error = both(sub(constants(own.target), middle), sub(target_heading, heading));
+            farther(error, own.start_distance).not()
+        });
     }
 
     fn observe(&self, view: &View, _: usize, out: &mut Writer) {

@@ -29,7 +29,8 @@ use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
 use crate::tasks::reward::{exponential_kernel, rational_kernel, smooth_norm, still, upright};
 use crate::tasks::robot::Robot;
-use crate::tasks::task::{BuiltIn, Start, Task, View};
+use crate::tasks::start::{Start, flag};
+use crate::tasks::task::{BuiltIn, Task, View};
 
 /// Starts on the way are no nearer to the gate, m.
 const CLEAR: f64 = 0.5;
@@ -145,7 +146,7 @@ impl Task for FlyThrough {
         let position = along_the_course(start, own.start_along, position, target, CLEAR);
         start.place(0, position, attitude);
         // what begins behind the gate has crossed it
-        start.task_state[0] = f64::from(u8::from(position[0] > own.gate_position[0]));
+        start.task_state[0] = flag(position[0].gt(own.gate_position[0]));
     }
 
     fn remember(&self, view: &View, task_state: &mut Writer) {
@@ -232,6 +233,6 @@ impl Task for FlyThrough {
 }
 
 /// Keeps p_t.
-fn set_target(start: &mut Start<'_>, target: Vec3<f64>) {
+fn set_target(start: &mut Start<'_>, target: Vec3<impl Into<Trace>>) {
     start.goal.field("target", "m, world", "p_t").array(target);
 }

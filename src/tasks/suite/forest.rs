@@ -16,7 +16,7 @@ use super::clear_path::clear_path;
 use super::obstacles::rounded;
 use super::{
     StartAttitude, StartRange, farther, latch, less, made_of, more, nearer, rate_cost, speed_cost, squared,
-    succeeds_once, times,
+    starts_on_host, succeeds_once, times,
 };
 use crate::autodiff::{Array, Mask, Scalar, Trace, safe};
 use crate::controllers::reference::{Reference, Waypoint, Waypoints};
@@ -27,10 +27,11 @@ use crate::dynamics::vehicle::Vehicle;
 use crate::error::{Error, Result};
 use crate::settings;
 use crate::tasks::config::EnvConfig;
-use crate::tasks::declare::{Ends, Loss, Writer};
+use crate::tasks::declare::{Ends, Goal, Loss, Writer};
 use crate::tasks::reward::upright;
 use crate::tasks::robot::Robot;
-use crate::tasks::task::{BuiltIn, Start, Task, TaskReference, View};
+use crate::tasks::start::{Drawn, Start};
+use crate::tasks::task::{BuiltIn, HostStart, Task, TaskReference, View};
 use std::iter;
 
 /// Most trunks of a forest.
@@ -189,20 +190,33 @@ impl Forest {
         least
     }
 
-    /// Keeps p_t, then the places of the trunks, of which the first `standing` are drawn.
-    fn set_goal(&self, start: &mut Start<'_>, target: Vec3<f64>, standing: usize) {
-        let mut offsets = [0.0; 3 * MAX_TRUNKS];
-        let n = self.radii.len();
-        if standing > 0 {
-            self.forest.place(&self.scene.obstacles, standing, &mut start.task, &mut offsets[..3 * n]);
-        }
-        start.goal.field("target", "m, world", "p_t").array(target);
-        start.goal.field("trunks", "m, world", "(x, y) of every trunk");
+    /// Keeps p_t, then the places of the trunks, of which the first `standing` stand, displaced.
+    fn set_goal<S: Drawn>(&self, goal: &mut Goal<'_, S>, target: Vec3<f64>, standing: usize, offsets: &[f64]) {
+        goal.field("target", "m, world", "p_t").array(target);
+        goal.field("trunks", "m, world", "(x, y) of every trunk");
         for (i, trunk) in self.scene.obstacles.iter().enumerate() {
             let [x, y, _] = trunk.shape.position;
             let place = [x + offsets[3 * i], y + offsets[3 * i + 1]];
-            start.goal.array(if i < standing { place } else { [ELSEWHERE, 0.0] });
+            goal.array(if i < standing { place } else { [ELSEWHERE, 0.0] });
         }
+    }
+}
+
+impl HostStart for Forest {
+    fn start(&self, start: &mut Start<'_, f64>) {
+        let own = &self.settings;
+        let target = own.target.map(|[low, high]| start.task.uniform(low, high));
+        let share = super::eased(own.trunks_ease, start.difficulty);
+        let standing = (share * own.trunks as f64).round() as usize;
+        let (mut offsets, n) = ([0.0; 3 * MAX_TRUNKS], 3 * self.radii.len());
+        if standing > 0 {
+            let trunks = &self.scene.obstacles;
+            start.task.stream(|stream| self.forest.place(trunks, standing, stream, &mut offsets[..n]));
+        }
+        self.set_goal(&mut start.goal, target, standing, &offsets);
+        let (position, attitude) = own.start.draw(start);
+        let position = self.along(start, position, target);
+        start.place(0, position, attitude);
     }
 }
 
@@ -227,16 +241,7 @@ impl Task for Forest {
         }
     }
 
-    fn start(&self, start: &mut Start<'_>) {
-        let own = &self.settings;
-        let target = own.target.map(|[low, high]| start.task.uniform(low, high));
-        let share = super::eased(own.trunks_ease, start.difficulty);
-        let standing = (share * own.trunks as f64).round() as usize;
-        self.set_goal(start, target, standing);
-        let (position, attitude) = own.start.draw(start);
-        let position = self.along(start, position, target);
-        start.place(0, position, attitude);
-    }
+    starts_on_host!();
 
     fn remember(&self, view: &View, task_state: &mut Writer) {
         let reached = latch(view.task_state[0], nearer(Self::error(view), self.settings.success_distance));
@@ -333,10 +338,10 @@ impl Task for Forest {
     }
 
     fn ideal(&self, start: &mut Start<'_>) {
-        self.set_goal(start, [self.settings.length, 0.0, 2.0], 0);
+        self.set_goal(&mut start.goal, [self.settings.length, 0.0, 2.0], 0, &[0.0; 3 * MAX_TRUNKS]);
         start.place(0, [0.5 * self.settings.length, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0]);
         let at = self.robot.roots()[0];
-        start.state[at + 3] = self.settings.speed;
+        start.state[at + 3] = self.settings.speed.into();
     }
 }
 
@@ -354,7 +359,7 @@ impl Forest {
 
     /// Where an episode begins that should begin at `from`: in a share of episodes anywhere on the straight way to `to` where
     /// nothing is near.
-    fn along(&self, start: &mut Start<'_>, from: Vec3<f64>, to: Vec3<f64>) -> Vec3<f64> {
+    fn along(&self, start: &mut Start<'_, f64>, from: Vec3<f64>, to: Vec3<f64>) -> Vec3<f64> {
         if self.settings.start_along == 0.0 || start.reset.unit() >= self.settings.start_along {
             return from;
         }

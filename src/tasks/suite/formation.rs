@@ -7,17 +7,20 @@ use super::assignment::{MOST, assign};
 use super::team::{
     CROWD, apart, crowded, free_team, lowest, mean_throttle_difference, observe_others, squared_separation,
 };
-use super::{PoseLoss, StartAttitude, eased, less, made_of, more, nearer, rate_cost, speed_cost, times};
+use super::{
+    PoseLoss, StartAttitude, eased, less, made_of, more, nearer, rate_cost, speed_cost, starts_on_host, times,
+};
 use crate::autodiff::{Array, Mask, Scalar, Trace, TraceMask, safe};
 use crate::controllers::reference::{Reference, Tilt, Waypoint, Waypoints};
 use crate::dynamics::spatial::{Quat, Vec3, add, constants, scale, sub};
 use crate::error::{Error, Result, finite};
 use crate::settings;
 use crate::tasks::config::EnvConfig;
-use crate::tasks::declare::{Ends, Loss, Writer};
+use crate::tasks::declare::{Ends, Goal, Loss, Writer};
 use crate::tasks::reward::{exponential_kernel, rational_kernel, smooth_norm};
 use crate::tasks::robot::Robot;
-use crate::tasks::task::{BuiltIn, Start, Task, TaskReference, View};
+use crate::tasks::start::{Drawn, Start};
+use crate::tasks::task::{BuiltIn, HostStart, Task, TaskReference, View};
 use crate::tasks::task_spec::Success;
 use serde::{Deserialize, Serialize};
 
@@ -105,14 +108,14 @@ impl StartGrid {
     }
 
     /// Different cells and attitudes for drones: the first `n_drone` count.
-    pub fn draw(&self, start: &mut Start<'_>, n_drone: usize) -> ([Vec3<f64>; MOST], [Quat<f64>; MOST]) {
+    pub fn draw(&self, start: &mut Start<'_, f64>, n_drone: usize) -> ([Vec3<f64>; MOST], [Quat<f64>; MOST]) {
         let [nx, ny, nz] = self.cells;
         let (mut taken, mut from) = ([u64::MAX; MOST], [[0.0; 3]; MOST]);
         let mut attitudes = [Quat::default(); MOST];
         for i in 0..n_drone {
-            let mut cell = start.reset.below(nx * ny * nz);
+            let mut cell = start.reset.below(nx * ny * nz) as u64;
             while taken[..i].contains(&cell) {
-                cell = start.reset.below(nx * ny * nz);
+                cell = start.reset.below(nx * ny * nz) as u64;
             }
             taken[i] = cell;
             let index = [cell % nx, cell / nx % ny, cell / (nx * ny)];
@@ -123,7 +126,7 @@ impl StartGrid {
     }
 
     /// Puts drone i at `from[i]`, or where a curriculum makes that easier on the straight way to its place `to[i]`.
-    pub fn place(&self, start: &mut Start<'_>, from: &[Vec3<f64>], attitudes: &[Quat<f64>], to: &[Vec3<f64>]) {
+    pub fn place(&self, start: &mut Start<'_, f64>, from: &[Vec3<f64>], attitudes: &[Quat<f64>], to: &[Vec3<f64>]) {
         let gone = 1.0 - eased(self.way_ease, start.difficulty);
         for (i, ((from, attitude), to)) in from.iter().zip(attitudes).zip(to).enumerate() {
             start.place(i, add(*from, scale(gone, sub(*to, *from))), *attitude);
@@ -232,12 +235,12 @@ impl Formation {
     }
 
     /// Keeps the point of the figure that each drone takes from here, and says where those are.
-    fn take_places(&self, start: &mut Start<'_>, from: &[Vec3<f64>]) -> [Vec3<f64>; MOST] {
+    fn take_places<S: Drawn>(&self, goal: &mut Goal<'_, S>, from: &[Vec3<f64>]) -> [Vec3<f64>; MOST] {
         let mut points = [[0.0; 3]; MOST];
         points.iter_mut().zip(&self.figure).for_each(|(point, f)| *point = add(self.settings.center, *f));
         let taken = places(from, &points[..from.len()]);
-        start.goal.field("places", "m", "f of the point that each drone takes, less the figure's mean");
-        (0..from.len()).for_each(|i| start.goal.array(self.figure[taken[i]]));
+        goal.field("places", "m", "f of the point that each drone takes, less the figure's mean");
+        (0..from.len()).for_each(|i| goal.array(self.figure[taken[i]]));
         taken.map(|point| points[point])
     }
 
@@ -261,6 +264,15 @@ impl Formation {
     }
 }
 
+impl HostStart for Formation {
+    fn start(&self, start: &mut Start<'_, f64>) {
+        let n = self.figure.len();
+        let (from, attitudes) = self.settings.start.draw(start, n);
+        let to = self.take_places(&mut start.goal, &from[..n]);
+        self.settings.start.place(start, &from[..n], &attitudes, &to);
+    }
+}
+
 impl Task for Formation {
     made_of!(self: self.robot, self.settings);
 
@@ -275,12 +287,7 @@ impl Task for Formation {
          curriculum drones begin the share 1 − (1 − {start_way_ease})(1 − d) of the way from their points to those cells."
     }
 
-    fn start(&self, start: &mut Start<'_>) {
-        let n = self.figure.len();
-        let (from, attitudes) = self.settings.start.draw(start, n);
-        let to = self.take_places(start, &from[..n]);
-        self.settings.start.place(start, &from[..n], &attitudes, &to);
-    }
+    starts_on_host!();
 
     fn observe(&self, view: &View, agent: usize, out: &mut Writer) {
         self.observe_own(view, agent, out);
@@ -375,6 +382,6 @@ impl Task for Formation {
             from[i] = add(self.settings.center, self.figure[i]);
             start.place(i, from[i], [1.0, 0.0, 0.0, 0.0]);
         }
-        self.take_places(start, &from[..self.figure.len()]);
+        self.take_places(&mut start.goal, &from[..self.figure.len()]);
     }
 }

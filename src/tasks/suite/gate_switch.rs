@@ -31,7 +31,8 @@ use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
 use crate::tasks::reward::{exponential_kernel, rational_kernel, smooth_norm, still, upright};
 use crate::tasks::robot::Robot;
-use crate::tasks::task::{BuiltIn, Start, Task, TaskReference, View};
+use crate::tasks::start::{Start, flag};
+use crate::tasks::task::{BuiltIn, Task, TaskReference, View};
 use crate::tasks::task_spec::Success;
 
 /// Drones.
@@ -115,8 +116,8 @@ fn sign(i: usize) -> f64 {
 }
 
 /// A place as drone `i` has it: of the second one turned by half a turn about z.
-fn turned(i: usize, [x, y, z]: Vec3<f64>) -> Vec3<f64> {
-    [sign(i) * x, sign(i) * y, z]
+fn turned<S: Scalar>(i: usize, [x, y, z]: Vec3<S>) -> Vec3<S> {
+    [times(sign(i), x), times(sign(i), y), z]
 }
 
 impl GateSwitch {
@@ -179,15 +180,19 @@ impl GateSwitch {
     }
 
     /// Keeps targets, who goes first from here, and where the other one waits.
-    fn set_goal(&self, start: &mut Start<'_>, targets: [Vec3<f64>; N], from: [Vec3<f64>; N]) {
-        let ways = from.map(|p| safe::norm(sub(self.gate.position, p)));
-        let first = usize::from(ways[1] < ways[0]);
-        let [along, aside] = WAIT;
-        let side = -aside.copysign(targets[first][1]);
-        let waiting = [sign(first) * along, side, self.gate.position[2]];
+    fn set_goal(&self, start: &mut Start<'_>, targets: [Vec3<Trace>; N], from: [Vec3<Trace>; N]) {
+        let ways = from.map(|p| safe::squared_norm(sub(constants(self.gate.position), p)));
+        let second = ways[1].lt(ways[0]);
+        let [along, aside] = WAIT.map(Trace::from);
+        let target = Trace::select(second, targets[1][1], targets[0][1]);
+        let waiting = [
+            Trace::select(second, along * sign(1), along * sign(0)),
+            Trace::select(target.lt(0.0), aside, -aside),
+            self.gate.position[2].into(),
+        ];
         start.goal.field("targets", "m, world", "p_t of both drones");
         targets.iter().for_each(|target| start.goal.array(*target));
-        start.goal.field("first", "-", "which drone goes first, 0 or 1").number(first as f64);
+        start.goal.field("first", "-", "which drone goes first, 0 or 1").number(flag::<Trace>(second));
         start.goal.field("waiting", "m, world", "where the other one waits").array(waiting);
     }
 
@@ -221,12 +226,13 @@ impl Task for GateSwitch {
 
     fn start(&self, start: &mut Start<'_>) {
         let own = &self.settings;
-        let (mut targets, mut from) = ([[0.0; 3]; N], [[0.0; 3]; N]);
+        let mut targets = [[Trace::zero(); 3]; N];
+        let mut from = targets;
         for i in 0..N {
             targets[i] = turned(i, own.target.map(|[low, high]| start.task.uniform(low, high)));
             let (position, attitude) = own.start.draw(start);
             from[i] = turned(i, position);
-            let half_turn = [0.0, 0.0, 0.0, 1.0];
+            let half_turn = constants([0.0, 0.0, 0.0, 1.0]);
             start.place(i, from[i], if i == 0 { attitude } else { multiply(half_turn, attitude) });
         }
         self.set_goal(start, targets, from);
@@ -362,7 +368,7 @@ impl Task for GateSwitch {
 
     fn ideal(&self, start: &mut Start<'_>) {
         let middle = self.settings.target.map(|[low, high]| 0.5 * (low + high));
-        let targets = [0, 1].map(|i| turned(i, middle));
+        let targets = [0, 1].map(|i| turned(i, constants(middle)));
         (0..N).for_each(|i| start.place(i, targets[i], [1.0, 0.0, 0.0, 0.0]));
         self.set_goal(start, targets, targets);
     }

@@ -9,7 +9,7 @@ use super::{
     PoseLoss, PoseReward, PoseSuccess, StartRange, drive_loss, ease_of_flight, farther, less, made_of, rate_cost,
     speed_cost, squared, succeeds_within, times,
 };
-use crate::autodiff::{Array, Mask, Scalar, safe};
+use crate::autodiff::{Array, Mask, Scalar, Trace, safe};
 use crate::dynamics::spatial::{Vec3, constants, dot, rotate, sub, yawed};
 use crate::error::Result;
 use crate::settings;
@@ -17,7 +17,8 @@ use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
 use crate::tasks::reward::{both, rational_kernel, smooth_norm, still, upright};
 use crate::tasks::robot::Robot;
-use crate::tasks::task::{ANY_YAW, BuiltIn, Start, Task, TaskReference, View};
+use crate::tasks::start::{ANY_YAW, Start};
+use crate::tasks::task::{BuiltIn, Task, TaskReference, View};
 
 settings! {
     /// Settings of [`Hover`].
@@ -52,7 +53,7 @@ impl BuiltIn for Hover {
 }
 
 /// Keeps h_t.
-pub(super) fn set_heading(start: &mut Start<'_>, heading: Vec3<f64>) {
+pub(super) fn set_heading(start: &mut Start<'_>, heading: Vec3<impl Into<Trace>>) {
     start.goal.field("target_heading", "-, world", "h_t").within(-1.0, 1.0).array(heading);
 }
 
@@ -82,14 +83,12 @@ impl Task for Hover {
         let own = &self.settings;
         let heading = yawed(start.task.uniform(ANY_YAW[0], ANY_YAW[1]));
         set_heading(start, heading);
-        for _ in 0..100 {
+        start.again(100, |start| {
             let (position, attitude) = own.start.draw(start);
             start.place(0, position, attitude);
-            let h = rotate(attitude, [1.0, 0.0, 0.0]);
-            if safe::norm(both(sub(own.target, position), sub(heading, h))) <= own.max_distance {
-                break;
-            }
-        }
+            let h = rotate(attitude, constants([1.0, 0.0, 0.0]));
+            farther(both(sub(constants(own.target), position), sub(heading, h)), own.max_distance).not()
+        });
     }
 
     fn observe(&self, view: &View, _: usize, out: &mut Writer) {

@@ -12,7 +12,7 @@
 
 use super::obstacles::{Bars, BarsSettings, rounded, softened, touching};
 use super::{
-    MotionLoss, PathSuccess, StartAttitude, StartRange, along_the_course, latch, rate_cost, speed_cost, times,
+    MotionLoss, PathSuccess, StartAttitude, StartRange, along_the_course, latch, nearer, rate_cost, speed_cost, times,
 };
 use crate::autodiff::{Scalar, Trace, TraceMask, safe};
 use crate::controllers::reference::{Carried, LoadPath, Reference};
@@ -20,7 +20,6 @@ use crate::dynamics::Vehicle;
 use crate::dynamics::assembly::Member;
 use crate::dynamics::configurations::{InvertedPendulum, Payload, environment};
 use crate::dynamics::frame::Frame;
-use crate::dynamics::shape::Geometry;
 use crate::dynamics::spatial::{Quat, Vec3, add, rotate, sub};
 use crate::dynamics::tree::{Model, ModelParts};
 use crate::error::Result;
@@ -29,7 +28,8 @@ use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Loss, Writer};
 use crate::tasks::reward::smooth_norm;
 use crate::tasks::robot::{Inertial, Robot};
-use crate::tasks::task::{Start, TaskReference, View};
+use crate::tasks::start::{Drawn, Start};
+use crate::tasks::task::{TaskReference, View};
 use crate::tasks::track_path::{Follow, PathRange, TrackPath};
 use std::f64::consts::PI;
 
@@ -160,42 +160,41 @@ impl Load {
     pub(super) fn draw(&self, start: &mut Start<'_>) {
         let own = &self.settings;
         let length = start.once.uniform(own.length[0], own.length[1]);
-        let ball = self.vehicle_mass * start.task.uniform(own.ball_share[0], own.ball_share[1]);
+        let ball = start.task.uniform(own.ball_share[0], own.ball_share[1]) * self.vehicle_mass;
         let bar = start.task.uniform(own.bar_mass[0], own.bar_mass[1]);
         let nominal = Inertial::read(start.numbers, self.bar).mass;
         let own = self.inertial(length, bar, ball);
         own.write(start.numbers, self.bar);
         let faster = ((self.vehicle_mass + own.mass) / (self.vehicle_mass + nominal)).sqrt();
         for rotor in &start.robot.drone().rotors {
-            start.state[rotor.speed] = (faster * start.state[rotor.speed]).min(rotor.max_speed);
+            start.state[rotor.speed] = (faster * start.state[rotor.speed]).min(rotor.max_speed.into());
         }
         start.goal.field("length", "m", "L").number(length);
         start.goal.field("ball_mass", "kg", "m_q").number(ball);
     }
 
     /// Of bar and ball in the frame of their body.
-    pub(super) fn inertial(&self, length: f64, bar: f64, ball: f64) -> Inertial {
-        let rod = Geometry::Capsule { radius: BAR_RADIUS, length };
-        let center_of_mass = [0.0, 0.0, 0.5 * self.sign * length];
-        let bar = Inertial { mass: bar, center_of_mass, inertia: rod.inertia(bar) };
-        bar.and(&Inertial::ball(ball, BALL_RADIUS, [0.0, 0.0, self.sign * length]))
+    pub(super) fn inertial<S: Drawn>(&self, length: S, bar: S, ball: S) -> Inertial<S> {
+        let along = |share: f64| [S::zero(), S::zero(), S::from(share * self.sign) * length];
+        let bar = Inertial::capsule(bar, BAR_RADIUS, length, along(0.5));
+        bar.and(&Inertial::ball(ball, BALL_RADIUS, along(1.0)))
     }
 
     /// Places the drone with the bar along its axis; returns q.
-    pub(super) fn place(&self, start: &mut Start<'_>, position: Vec3<f64>, attitude: Quat<f64>) -> Vec3<f64> {
+    pub(super) fn place(&self, start: &mut Start<'_>, position: Vec3<Trace>, attitude: Quat<Trace>) -> Vec3<Trace> {
         start.place(0, position, attitude);
-        add(position, rotate(attitude, [0.0, 0.0, self.sign * start.goal[0]]))
+        add(position, rotate(attitude, [Trace::zero(), Trace::zero(), start.goal[0] * self.sign]))
     }
 
     /// p for a ball at `ball` and an upright bar.
-    pub(super) fn drone_of(&self, start: &Start<'_>, ball: Vec3<f64>) -> Vec3<f64> {
-        [ball[0], ball[1], ball[2] - self.sign * start.goal[0]]
+    pub(super) fn drone_of(&self, start: &Start<'_>, ball: Vec3<Trace>) -> Vec3<Trace> {
+        [ball[0], ball[1], ball[2] - start.goal[0] * self.sign]
     }
 
     /// Places the ball at `ball`, the bar upright.
-    pub(super) fn place_upright(&self, start: &mut Start<'_>, ball: Vec3<f64>) {
-        let position = self.drone_of(start, ball);
-        self.place(start, position, [1.0, 0.0, 0.0, 0.0]);
+    pub(super) fn place_upright(&self, start: &mut Start<'_>, ball: Vec3<impl Into<Trace>>) {
+        let position = self.drone_of(start, ball.map(Into::into));
+        start.place(0, position, [1.0, 0.0, 0.0, 0.0]);
     }
 
     /// The way of the drone that brings the ball to `target`.
@@ -311,14 +310,12 @@ impl LoadTrack {
         self.load.draw(start);
         let first = self.path.draw(start);
         let position = self.load.drone_of(start, first);
-        for _ in 0..100 {
+        start.again(100, |start| {
             let attitude = settings.start.draw(start);
             let ball = self.load.place(start, position, attitude);
-            if safe::norm(sub(first, ball)) < settings.follow.reset_distance {
-                break;
-            }
-        }
-        self.path.join(start, LOAD, Some(-self.load.sign * start.goal[0]));
+            nearer(sub(first, ball), settings.follow.reset_distance)
+        });
+        self.path.join(start, LOAD, Some(start.goal[0] * -self.load.sign));
     }
 
     /// p_ref(k) − q.
@@ -386,8 +383,8 @@ impl LoadCourse {
         &self,
         settings: &LoadCourseSettings,
         start: &mut Start<'_>,
-        ball_target: Vec3<f64>,
-    ) -> Vec3<f64> {
+        ball_target: Vec3<Trace>,
+    ) -> Vec3<Trace> {
         let (position, attitude) = settings.start.draw(start);
         let to = self.load.drone_of(start, ball_target);
         // a tilted bar reaches farther than the drone

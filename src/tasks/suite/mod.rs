@@ -40,7 +40,8 @@ mod tests;
 
 use super::declare::Loss;
 use super::reward::pseudo_huber;
-use super::task::{ANY_YAW, START_TILT, Start, View, eased};
+use super::start::{ANY_YAW, Draw, Drawn, START_TILT, Start, eased};
+use super::task::View;
 use crate::autodiff::{Scalar, Trace, safe};
 use crate::dynamics::spatial::{Quat, Vec3};
 use crate::settings;
@@ -56,12 +57,12 @@ settings! {
 
 impl StartAttitude {
     /// Roll, pitch and yaw, uniform.
-    pub fn draw(&self, start: &mut Start<'_>) -> Quat<f64> {
+    pub fn draw<S: Drawn>(&self, start: &mut Start<'_, S>) -> Quat<S> {
         let share = self.share(start);
-        start.attitude(share * self.tilt, narrowed(self.yaw, share))
+        start.attitude(share * S::from(self.tilt), narrowed(self.yaw, share))
     }
 
-    fn share(&self, start: &Start<'_>) -> f64 {
+    fn share<S: Drawn>(&self, start: &Start<'_, S>) -> S {
         eased(self.ease, start.difficulty)
     }
 }
@@ -77,7 +78,7 @@ settings! {
 
 impl StartRange {
     /// Position, then roll, pitch and yaw, uniform.
-    pub fn draw(&self, start: &mut Start<'_>) -> (Vec3<f64>, Quat<f64>) {
+    pub fn draw<S: Drawn>(&self, start: &mut Start<'_, S>) -> (Vec3<S>, Quat<S>) {
         let share = self.attitude.share(start);
         (start.position(self.position.map(|range| narrowed(range, share))), self.attitude.draw(start))
     }
@@ -85,25 +86,28 @@ impl StartRange {
 
 /// Where an episode begins that should begin at `from`: in the share `along` anywhere on the straight way to `to`, but no nearer
 /// than `clear` to the obstacles at x = 0.
-pub(crate) fn along_the_course(
-    start: &mut Start<'_>,
+pub(crate) fn along_the_course<S: Drawn>(
+    start: &mut Start<'_, S>,
     along: f64,
-    from: Vec3<f64>,
-    to: Vec3<f64>,
+    from: Vec3<S>,
+    to: Vec3<S>,
     clear: f64,
-) -> Vec3<f64> {
-    if along == 0.0 || start.reset.unit() >= along {
+) -> Vec3<S> {
+    if along == 0.0 {
         return from;
     }
-    let share = start.reset.unit();
+    let (moves, share) = start.reset.sometimes(along, Draw::Unit);
     let [x, y, z] = [0, 1, 2].map(|i| from[i] + share * (to[i] - from[i]));
-    [if x.abs() < clear { clear.copysign(x) } else { x }, y, z]
+    let clear = S::constant(clear);
+    let beside = S::select(x.lt(S::zero()), -clear, clear);
+    let there = [S::select(x.abs().lt(clear), beside, x), y, z];
+    [0, 1, 2].map(|i| S::select(moves, there[i], from[i]))
 }
 
 /// A share of a range, about its middle.
-fn narrowed([low, high]: [f64; 2], share: f64) -> [f64; 2] {
-    let (middle, half) = (0.5 * (low + high), 0.5 * share * (high - low));
-    if share == 1.0 { [low, high] } else { [middle - half, middle + half] }
+fn narrowed<S: Drawn>([low, high]: [f64; 2], share: S) -> [S; 2] {
+    let (middle, half) = (S::from(0.5 * (low + high)), S::from(0.5 * (high - low)) * share);
+    [middle - half, middle + half]
 }
 
 settings! {
@@ -231,6 +235,17 @@ macro_rules! made_of {
     };
 }
 pub(crate) use made_of;
+
+/// Episodes that begin on the host: [`HostStart`](crate::tasks::HostStart).
+macro_rules! starts_on_host {
+    () => {
+        fn start(&self, _: &mut crate::tasks::Start<'_>) {}
+        fn start_on_host(&self) -> Option<&dyn crate::tasks::HostStart> {
+            Some(self)
+        }
+    };
+}
+pub(crate) use starts_on_host;
 
 /// A success by an error within a limit, `position_error`, and by alignments above theirs; in the last step, or held for a
 /// while: what is asked and what is said of it.

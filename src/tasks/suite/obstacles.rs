@@ -27,7 +27,8 @@ use crate::settings;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::Writer;
 use crate::tasks::robot::Robot;
-use crate::tasks::task::{Start, View};
+use crate::tasks::start::{Drawn, Start};
+use crate::tasks::task::View;
 
 /// Longest substep that resolves the material, s.
 const SUBSTEP: f64 = 0.004;
@@ -271,10 +272,10 @@ impl Bars {
     }
 
     /// Draws their heights into the goal.
-    pub(super) fn draw(&self, start: &mut Start<'_>) {
+    pub(super) fn draw<S: Drawn>(&self, start: &mut Start<'_, S>) {
         let [low, high] = self.settings.spacing;
         let factor = eased(self.settings.spacing_ease, start.difficulty);
-        let heights = [LOW, LOW + factor * start.task.uniform(low, high)];
+        let heights = [S::from(LOW), S::from(LOW) + factor * start.task.uniform(low, high)];
         start.goal.field("bars", "m, world", "z of lower and upper bar").array(heights);
         for (place, z) in self.numbers.into_iter().zip(heights) {
             start.numbers[place] = z;
@@ -297,7 +298,7 @@ impl Bars {
     }
 
     /// Whether a skin at rest, its root at `pose`, is clear of the bars as drawn.
-    pub(super) fn clear_of(&self, start: &Start<'_>, rest: &Skin, pose: &Pose<f64>) -> bool {
+    pub(super) fn clear_of(&self, start: &Start<'_, f64>, rest: &Skin, pose: &Pose<f64>) -> bool {
         rest.clearance_at(pose, self.axes(&start.goal), RADIUS) > 0.0
     }
 

@@ -15,7 +15,8 @@ use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Loss, Writer};
 use crate::tasks::reward::{rational_kernel, smooth_norm};
 use crate::tasks::robot::Robot;
-use crate::tasks::task::{ANY_YAW, START_TILT, Start, TaskReference, View};
+use crate::tasks::start::{ANY_YAW, Drawn, START_TILT, Start};
+use crate::tasks::task::{TaskReference, View};
 use crate::tasks::task_spec::Smoothness;
 
 /// The frame: the root of the model.
@@ -57,15 +58,15 @@ settings! {
 }
 
 /// Keeps an attitude in the goal.
-pub(crate) fn set_attitude(start: &mut Start<'_>, attitude: Quat<f64>) {
-    let axes = [rotate(attitude, [1.0, 0.0, 0.0]), rotate(attitude, [0.0, 0.0, 1.0])];
+pub(crate) fn set_attitude<S: Drawn>(start: &mut Start<'_, S>, attitude: Quat<S>) {
+    let axes = [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]].map(|axis| rotate(attitude, constants(axis)));
     start.goal.field("target_heading", "-, world", "h_t").within(-1.0, 1.0).array(axes[0]);
     start.goal.field("target_up", "-, world", "u_t").within(-1.0, 1.0).array(axes[1]);
 }
 
 impl TargetPose {
     /// Draws an attitude into the goal.
-    pub fn draw(&self, start: &mut Start<'_>) {
+    pub fn draw<S: Drawn>(&self, start: &mut Start<'_, S>) {
         let (r, tilt) = (&mut start.task, self.tilt);
         let (roll, pitch) = (r.uniform(-tilt, tilt), r.uniform(-tilt, tilt));
         let yaw = r.uniform(self.yaw[0], self.yaw[1]);
@@ -75,7 +76,7 @@ impl TargetPose {
     /// The frame there, level.
     pub fn ideal(&self, start: &mut Start<'_>) {
         let level = [1.0, 0.0, 0.0, 0.0];
-        set_attitude(start, level);
+        set_attitude(start, constants(level));
         start.place(FRAME_BODY, self.position, level);
     }
 }

@@ -14,7 +14,7 @@ use super::team::{
 };
 use super::{
     PoseReward, PoseSuccess, StartAttitude, StartRange, along_the_course, eased, less, made_of, more, nearer, squared,
-    succeeds_once,
+    starts_on_host, succeeds_once, times,
 };
 use crate::autodiff::{Array, Mask, Scalar, Trace, safe};
 use crate::dynamics::assembly::rod;
@@ -28,7 +28,8 @@ use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
 use crate::tasks::reward::rational_kernel;
 use crate::tasks::robot::Robot;
-use crate::tasks::task::{BuiltIn, Start, Task, View};
+use crate::tasks::start::{Drawn, Start};
+use crate::tasks::task::{BuiltIn, HostStart, Task, View};
 use crate::tasks::task_spec::Smoothness;
 use std::f64::consts::PI;
 
@@ -121,10 +122,10 @@ impl BuiltIn for OverFlyThrough {
 
 impl OverFlyThrough {
     /// Keeps the spacing of the poles, and moves them.
-    fn space(&self, start: &mut Start<'_>) -> f64 {
-        let spacing = self.settings.pole_spacing * eased(self.settings.spacing_ease, start.difficulty);
+    fn space<S: Drawn>(&self, start: &mut Start<'_, S>) -> S {
+        let spacing = S::from(self.settings.pole_spacing) * eased(self.settings.spacing_ease, start.difficulty);
         start.goal.field("pole_spacing", "m", "of the poles").number(spacing);
-        self.poles.iter().zip(POLES).for_each(|(y, pole)| start.numbers[*y] = spacing * pole);
+        self.poles.iter().zip(POLES).for_each(|(y, pole)| start.numbers[*y] = times(pole, spacing));
         spacing
     }
 
@@ -150,19 +151,8 @@ impl OverFlyThrough {
     }
 }
 
-impl Task for OverFlyThrough {
-    made_of!(self: self.robot, self.settings);
-
-    fn about(&self) -> &'static str {
-        "p, h, u, v, ω frame (world), p_i drones, e_i = Σ s effort of drone i, c clearance: the least distance of the \
-         robot's bodies to a pole, negative in contact. Poles: three vertical capsules of radius 0.05 m and length 5 m \
-         about z = 2.5 m, at x = 0, {pole_spacing} m apart along y about 0; the robot's arms reach 0.85 m. Target: {target_position} m, heading \
-         h_t and up u_t of an attitude with roll and pitch within ±{target_tilt} rad and yaw within {target_yaw} rad. \
-         Start: frame uniform in {start_position} m, roll and pitch within ±{start_tilt} rad, yaw within {start_yaw} \
-         rad, at rest, joints at zero. d = ‖(p_t − p, h_t − h, u_t − u)‖."
-    }
-
-    fn start(&self, start: &mut Start<'_>) {
+impl HostStart for OverFlyThrough {
+    fn start(&self, start: &mut Start<'_, f64>) {
         let own = &self.settings;
         own.target.draw(start);
         let spacing = self.space(start);
@@ -175,6 +165,21 @@ impl Task for OverFlyThrough {
             }
         }
     }
+}
+
+impl Task for OverFlyThrough {
+    made_of!(self: self.robot, self.settings);
+
+    fn about(&self) -> &'static str {
+        "p, h, u, v, ω frame (world), p_i drones, e_i = Σ s effort of drone i, c clearance: the least distance of the \
+         robot's bodies to a pole, negative in contact. Poles: three vertical capsules of radius 0.05 m and length 5 m \
+         about z = 2.5 m, at x = 0, {pole_spacing} m apart along y about 0; the robot's arms reach 0.85 m. Target: {target_position} m, heading \
+         h_t and up u_t of an attitude with roll and pitch within ±{target_tilt} rad and yaw within {target_yaw} rad. \
+         Start: frame uniform in {start_position} m, roll and pitch within ±{start_tilt} rad, yaw within {start_yaw} \
+         rad, at rest, joints at zero. d = ‖(p_t − p, h_t − h, u_t − u)‖."
+    }
+
+    starts_on_host!();
 
     fn remember(&self, view: &View, task_state: &mut Writer) {
         let own = &self.settings.success;

@@ -8,15 +8,17 @@
 use super::over::*;
 use super::team::{TeamSettings, lowest, observe_load, observes_team};
 use super::{PoseLoss, PoseReward, PoseSuccess, StartRange, farther, less, made_of, succeeds_within};
-use crate::autodiff::{Array, Mask, Scalar, safe};
+use crate::autodiff::{Array, Mask, Scalar};
 use crate::dynamics::frame::Frame;
+use crate::dynamics::spatial::constants;
 use crate::error::Result;
 use crate::settings;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
 use crate::tasks::reward::exponential_kernel;
 use crate::tasks::robot::Robot;
-use crate::tasks::task::{BuiltIn, Start, Task, TaskReference, View};
+use crate::tasks::start::Start;
+use crate::tasks::task::{BuiltIn, Task, TaskReference, View};
 use crate::tasks::task_spec::Smoothness;
 
 /// Where starts are.
@@ -80,15 +82,13 @@ impl Task for OverHover {
     fn start(&self, start: &mut Start<'_>) {
         let own = &self.settings;
         own.target.draw(start);
-        for _ in 0..100 {
+        start.again(100, |start| {
             let (position, attitude) = own.start.draw(start);
             start.place(FRAME_BODY, position, attitude);
-            let frame = Frame { position, velocity: [0.0; 3], attitude, angular_velocity: [0.0; 3] };
-            let error = pose_error(&frame, own.target.position, &start.goal);
-            if safe::norm(error) <= own.start_distance {
-                break;
-            }
-        }
+            let still = constants([0.0; 3]);
+            let frame = Frame { position, velocity: still, attitude, angular_velocity: still };
+            farther(pose_error(&frame, own.target.position, &start.goal), own.start_distance).not()
+        });
     }
 
     observes_team!(self, FRAME_BODY, false);

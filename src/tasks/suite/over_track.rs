@@ -8,7 +8,7 @@ use super::team::{TeamSettings, lowest, observe_load, observes_team};
 use super::{
     PathSuccess, PoseLoss, PoseReward, StartAttitude, less, made_of, rate_cost, speed_cost, squared, succeeds_within,
 };
-use crate::autodiff::{Array, Mask, Scalar, safe};
+use crate::autodiff::{Array, Mask, Scalar, Trace, safe};
 use crate::dynamics::spatial::{Vec3, dot, sub};
 use crate::error::Result;
 use crate::settings;
@@ -16,7 +16,8 @@ use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
 use crate::tasks::reward::{exponential_kernel, smooth_norm};
 use crate::tasks::robot::Robot;
-use crate::tasks::task::{BuiltIn, Start, Task, TaskReference, View};
+use crate::tasks::start::Start;
+use crate::tasks::task::{BuiltIn, Task, TaskReference, View};
 use crate::tasks::task_spec::Smoothness;
 use crate::tasks::track_path::{Follow, PATH, PathRange, TrackPath, about_path};
 
@@ -80,12 +81,12 @@ impl OverTrack {
     }
 
     /// Draws path and point to look at; returns where the path starts, and the point.
-    fn draw(&self, start: &mut Start<'_>) -> [Vec3<f64>; 2] {
+    fn draw(&self, start: &mut Start<'_>) -> [Vec3<Trace>; 2] {
         let first = self.path.draw(start);
         let along = safe::normalise([0, 1, 2].map(|_| start.task.normal()));
         let (far, origin) = (self.settings.look_distance, self.path.origin());
-        let look = [far * along[0], far * along[1], (far * along[2]).abs() + 0.1];
-        let look = [0, 1, 2].map(|i| origin[i] + look[i]);
+        let look = [along[0] * far, along[1] * far, (along[2] * far).abs() + 0.1];
+        let look = [0, 1, 2].map(|i| look[i] + origin[i]);
         start.goal.field("look", "m, world", "a").array(look);
         [first, look]
     }
@@ -154,6 +155,6 @@ impl Task for OverTrack {
         let [position, look] = self.draw(start);
         // the shortest turn from e_z to u_t, which points upwards
         let up = safe::normalise(sub(look, position));
-        start.place(FRAME_BODY, position, safe::normalise([1.0 + up[2], -up[1], up[0], 0.0]));
+        start.place(FRAME_BODY, position, safe::normalise([1.0 + up[2], -up[1], up[0], Trace::zero()]));
     }
 }

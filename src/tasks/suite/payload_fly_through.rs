@@ -18,7 +18,8 @@ use crate::settings;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
 use crate::tasks::reward::{exponential_kernel, rational_kernel, still, upright};
-use crate::tasks::task::{BuiltIn, Start, Task, View};
+use crate::tasks::start::Start;
+use crate::tasks::task::{BuiltIn, Task, View};
 
 /// Place of q_t in the goal.
 const TARGET: usize = LOAD + BARS;
@@ -64,11 +65,12 @@ impl PayloadFlyThrough {
     }
 
     /// Draws load, obstacles and target; returns q_t.
-    fn draw(&self, start: &mut Start<'_>) -> Vec3<f64> {
+    fn draw(&self, start: &mut Start<'_>) -> Vec3<Trace> {
         self.course.draw(start);
         let [x, z] = self.settings.target.map(|[low, high]| start.task.uniform(low, high));
-        start.goal.field("target", "m, world", "q_t").array([x, 0.0, z]);
-        [x, 0.0, z]
+        let target = [x, Trace::zero(), z];
+        start.goal.field("target", "m, world", "q_t").array(target);
+        target
     }
 }
 
@@ -86,11 +88,9 @@ impl Task for PayloadFlyThrough {
 
     fn start(&self, start: &mut Start<'_>) {
         let target = self.draw(start);
-        for _ in 0..100 {
-            if self.course.begin(&self.settings.course, start, target)[2] > self.settings.ball_min_height {
-                break;
-            }
-        }
+        start.again(100, |start| {
+            self.course.begin(&self.settings.course, start, target)[2].gt(self.settings.ball_min_height)
+        });
     }
 
     fn remember(&self, view: &View, task_state: &mut Writer) {

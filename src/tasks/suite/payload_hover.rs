@@ -13,12 +13,12 @@ use super::{MotionLoss, PoseReward, StartAttitude, StartRange, less, made_of};
 use crate::autodiff::{Array, Mask, Scalar, Trace, TraceMask, safe};
 use crate::dynamics::spatial::{Vec3, constants, scale, sub};
 use crate::error::Result;
-use crate::rng::Stream;
 use crate::settings;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
 use crate::tasks::reward::exponential_kernel;
-use crate::tasks::task::{BuiltIn, Start, Task, TaskReference, View};
+use crate::tasks::start::{Draws, Start};
+use crate::tasks::task::{BuiltIn, Task, TaskReference, View};
 use crate::tasks::task_spec::Success;
 use std::f64::consts::PI;
 
@@ -72,9 +72,9 @@ impl PayloadHover {
         sub(constants(self.settings.target), self.load.ball(view).position)
     }
 
-    /// Steps until the next push, 1 or more: geometric.
-    fn wait(&self, stream: &mut Stream) -> f64 {
-        1.0 + (-(1.0 - stream.unit()).ln() * self.settings.calm / self.dt).floor()
+    /// Steps until the next push: the first that is behind a time of mean `calm`.
+    fn wait(&self, draws: &mut Draws<'_>) -> Trace {
+        draws.geometric(1.0 / -(-self.dt / self.settings.calm).exp_m1())
     }
 
     /// Draws the load; no push yet.
@@ -100,18 +100,16 @@ impl Task for PayloadHover {
     fn start(&self, start: &mut Start<'_>) {
         self.draw(start);
         start.event_at = self.wait(&mut start.task);
-        for _ in 0..100 {
+        start.again(100, |start| {
             let (position, attitude) = self.settings.start.draw(start);
-            if self.load.place(start, position, attitude)[2] > self.settings.min_height {
-                break;
-            }
-        }
+            self.load.place(start, position, attitude)[2].gt(self.settings.min_height)
+        });
     }
 
     fn event(&self, start: &mut Start<'_>) {
         start.goal[PUSH] = start.event_at;
         for (i, sigma) in self.settings.kick.into_iter().enumerate() {
-            start.goal[KICKED + i] = sigma * start.task.normal().clamp(-3.0, 3.0);
+            start.goal[KICKED + i] = start.task.normal().clamp((-3.0).into(), 3.0.into()) * sigma;
         }
         start.event_at += self.wait(&mut start.task);
     }

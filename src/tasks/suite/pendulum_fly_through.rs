@@ -17,7 +17,8 @@ use crate::settings;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
 use crate::tasks::reward::{exponential_kernel, still};
-use crate::tasks::task::{BuiltIn, Start, Task, View};
+use crate::tasks::start::Start;
+use crate::tasks::task::{BuiltIn, Task, View};
 use std::f64::consts::PI;
 
 /// What both fly-through tasks have, with the numbers of this one.
@@ -80,12 +81,10 @@ impl Task for InvPendulumFlyThrough {
 
     fn start(&self, start: &mut Start<'_>) {
         self.course.draw(start);
-        for _ in 0..100 {
-            if self.course.begin(&self.settings.course, start, self.settings.target)[2] < self.settings.ball_max_height
-            {
-                break;
-            }
-        }
+        start.again(100, |start| {
+            let ball = self.course.begin(&self.settings.course, start, constants(self.settings.target));
+            ball[2].lt(self.settings.ball_max_height)
+        });
     }
 
     fn remember(&self, view: &View, task_state: &mut Writer) {

@@ -7,7 +7,9 @@
 //! - DIFFERENCE: the spin term has ω_z², not ω_z⁴ (defect 14).
 
 use super::load::{BalanceReward, DRAWN_BAR, LOAD, Load, LoadSettings, Side, hold_loss, leaning};
-use super::{MotionLoss, StartAttitude, StartRange, ease_of_flight, eased, less, made_of, succeeds_within, times};
+use super::{
+    MotionLoss, StartAttitude, StartRange, ease_of_flight, eased, less, made_of, nearer, succeeds_within, times,
+};
 use crate::autodiff::{Scalar, safe};
 use crate::dynamics::spatial::{Vec3, constants, sub};
 use crate::error::Result;
@@ -15,7 +17,8 @@ use crate::settings;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
 use crate::tasks::reward::{exponential_kernel, still};
-use crate::tasks::task::{BuiltIn, Start, Task, TaskReference, View};
+use crate::tasks::start::Start;
+use crate::tasks::task::{BuiltIn, Task, TaskReference, View};
 use std::f64::consts::PI;
 
 /// Place of the distance in the goal beyond which the episode ends.
@@ -70,7 +73,7 @@ impl InvPendulumHover {
     fn draw(&self, start: &mut Start<'_>) {
         self.load.draw(start);
         let own = &self.settings;
-        let far = own.max_distance * eased(own.max_distance_ease, start.difficulty);
+        let far = eased(own.max_distance_ease, start.difficulty) * own.max_distance;
         start.goal.field("max_distance", "m", "beyond which the episode ends").number(far);
     }
 }
@@ -88,12 +91,11 @@ impl Task for InvPendulumHover {
     fn start(&self, start: &mut Start<'_>) {
         self.draw(start);
         let own = &self.settings;
-        for _ in 0..100 {
+        start.again(100, |start| {
             let (position, attitude) = own.start.draw(start);
-            if safe::norm(sub(own.target, self.load.place(start, position, attitude))) < own.max_distance {
-                break;
-            }
-        }
+            let ball = self.load.place(start, position, attitude);
+            nearer(sub(constants(own.target), ball), own.max_distance)
+        });
     }
 
     fn observe(&self, view: &View, _: usize, out: &mut Writer) {

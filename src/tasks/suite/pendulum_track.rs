@@ -12,7 +12,8 @@ use crate::settings;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
 use crate::tasks::reward::exponential_kernel;
-use crate::tasks::task::{BuiltIn, Start, Task, TaskReference, View};
+use crate::tasks::start::Start;
+use crate::tasks::task::{BuiltIn, Task, TaskReference, View};
 use crate::tasks::track_path::{Follow, PathRange, about_path};
 
 /// What both track tasks have, with the numbers of this one.

@@ -25,7 +25,8 @@ use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
 use crate::tasks::reward::{pseudo_huber, smooth_norm};
 use crate::tasks::robot::{Inertial, Robot};
-use crate::tasks::task::{BuiltIn, Start, Task, View};
+use crate::tasks::start::Start;
+use crate::tasks::task::{BuiltIn, Task, View};
 use crate::tasks::task_spec::Success;
 use std::f64::consts::PI;
 
@@ -159,7 +160,7 @@ impl Task for Pinball {
         let own = &self.settings;
         let mass = start.task.uniform(own.ball_mass[0], own.ball_mass[1]);
         start.goal.field("mass", "kg", "of the ball").number(mass);
-        Inertial::ball(mass, RADIUS, [0.0; 3]).write(start.numbers, self.ball);
+        Inertial::ball(mass, RADIUS, constants([0.0; 3])).write(start.numbers, self.ball);
         let beside = [0, 1].map(|_| start.task.uniform(-own.ball_offset, own.ball_offset));
         let (position, attitude) = own.start.draw(start);
         start.place(0, position, attitude);
@@ -260,6 +261,6 @@ impl Task for Pinball {
         start.goal.field("mass", "kg", "of the ball").number(0.03);
         start.place(0, [0.0, 0.0, 1.5], [1.0, 0.0, 0.0, 0.0]);
         start.place(1, [0.0, 0.0, 3.5], [1.0, 0.0, 0.0, 0.0]);
-        start.task_state[SCORED] = 1.0;
+        start.task_state[SCORED] = Trace::one();
     }
 }

@@ -22,14 +22,15 @@ use crate::autodiff::{Array, Mask, Scalar, Trace, TraceMask, safe};
 use crate::controllers::reference::{Reference, Waypoint, Waypoints};
 use crate::dynamics::scene::{FAR, Gate, Scene};
 use crate::dynamics::shape::Pose;
-use crate::dynamics::spatial::{Vec3, constants, dot, from_euler, rotate, scale, sub};
+use crate::dynamics::spatial::{Quat, Vec3, constants, dot, from_euler, rotate, scale, sub};
 use crate::error::{Error, Result};
 use crate::settings;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
 use crate::tasks::reward::{still, upright};
 use crate::tasks::robot::Robot;
-use crate::tasks::task::{BuiltIn, Start, Task, TaskReference, View};
+use crate::tasks::start::{Draw, Start};
+use crate::tasks::task::{BuiltIn, Task, TaskReference, View};
 use crate::tasks::task_spec::Success;
 
 /// Fewest and most gates of a course: a controller's path has two points per gate.
@@ -163,15 +164,15 @@ impl Race {
     }
 
     /// Of gate `i`.
-    fn pose<S: Scalar>(&self, view: &View<'_, S>, i: usize) -> Pose<S> {
-        Pose { position: view.goal.array(3 * i), attitude: constants(self.scene.gates[i].rotation) }
+    fn pose<S: Scalar>(&self, goal: &[S], i: usize) -> Pose<S> {
+        Pose { position: goal.array(3 * i), attitude: constants(self.scene.gates[i].rotation) }
     }
 
     /// Of the gate whose number is nearest to `index`.
-    fn pose_at<S: Scalar>(&self, view: &View<'_, S>, index: S) -> Pose<S> {
-        let mut pose = self.pose(view, 0);
+    fn pose_at<S: Scalar>(&self, goal: &[S], index: S) -> Pose<S> {
+        let mut pose = self.pose(goal, 0);
         for i in 1..self.n() {
-            let (here, own) = (more(index, i as f64 - 0.5), self.pose(view, i));
+            let (here, own) = (more(index, i as f64 - 0.5), self.pose(goal, i));
             for k in 0..3 {
                 pose.position[k] = S::select(here, own.position[k], pose.position[k]);
             }
@@ -184,7 +185,7 @@ impl Race {
 
     /// Of the next gate.
     fn next<S: Scalar>(&self, view: &View<'_, S>) -> Pose<S> {
-        self.pose_at(view, view.task_state[NEXT])
+        self.pose_at(view.goal, view.task_state[NEXT])
     }
 
     /// The number behind a gate's: the first follows the last.
@@ -201,7 +202,7 @@ impl Race {
             let Ball { centre, radius } = self.balls[k];
             let point = drone.point(constants(centre)).0;
             for i in 0..self.n() {
-                let distance = self.scene.gates[i].distance(&self.pose(view, i), point);
+                let distance = self.scene.gates[i].distance(&self.pose(view.goal, i), point);
                 least = least.min(distance - S::constant(radius));
             }
         }
@@ -209,34 +210,29 @@ impl Race {
     }
 
     /// Keeps where gates stand, displaced by `offset` of their number and axis, and which of them comes first.
-    fn set_goal(&self, start: &mut Start<'_>, first: usize, mut offset: impl FnMut(&mut Start<'_>, usize) -> f64) {
+    fn set_goal(&self, start: &mut Start<'_>, first: Trace, mut offset: impl FnMut(&mut Start<'_>, usize) -> Trace) {
         start.goal.field("gates", "m, world", "middle of every gate");
         for gate in &self.scene.gates {
             for k in 0..3 {
-                let x = gate.position[k] + offset(start, k);
+                let x = offset(start, k) + gate.position[k];
                 start.goal.number(x);
             }
         }
-        start.goal.field("first", "-", "number of the gate that is the first to pass, from 0 on").number(first as f64);
+        start.goal.field("first", "-", "number of the gate that is the first to pass, from 0 on").number(first);
     }
 
     /// Puts the drone before gate `first`, at `place` in its frame.
-    fn begin(&self, start: &mut Start<'_>, first: usize, place: Vec3<f64>, attitude: [f64; 4]) {
-        let middle = [0, 1, 2].map(|k| start.goal[3 * first + k]);
-        let gate = Pose { position: middle, attitude: self.scene.gates[first].rotation };
-        let position = gate.point(place);
+    fn begin(&self, start: &mut Start<'_>, first: Trace, place: Vec3<Trace>, attitude: Quat<Trace>) {
+        let position = self.pose_at(&start.goal, first).point(place);
         start.place(0, position, attitude);
         start.task_state[POSITION..POSITION + 3].copy_from_slice(&position);
-        start.task_state[NEXT] = first as f64;
+        start.task_state[NEXT] = first;
     }
 
-    /// Least distance between a point and the bars of all gates as drawn, m.
-    fn distance(&self, start: &Start<'_>, point: Vec3<f64>) -> f64 {
-        let one = |(gate, middle): (&Gate, &[f64])| {
-            let pose = Pose { position: [middle[0], middle[1], middle[2]], attitude: gate.rotation };
-            gate.distance(&pose, point)
-        };
-        self.scene.gates.iter().zip(start.goal.chunks_exact(3)).map(one).fold(FAR, f64::min)
+    /// Least distance between a point and the bars of all gates, m.
+    fn distance(&self, goal: &[Trace], point: Vec3<Trace>) -> Trace {
+        let gates = self.scene.gates.iter().enumerate();
+        gates.fold(Trace::constant(FAR), |least, (i, gate)| least.min(gate.distance(&self.pose(goal, i), point)))
     }
 }
 
@@ -285,19 +281,17 @@ impl Task for Race {
     fn start(&self, start: &mut Start<'_>) {
         let own = &self.settings;
         let share = eased(own.gate_ease, start.difficulty);
-        let anywhere = start.task.unit() < own.start_anywhere;
-        let first = if anywhere { start.task.below(self.n() as u64) as usize } else { 0 };
+        let (anywhere, any) = start.task.sometimes(own.start_anywhere, Draw::Below(self.n() as u64));
+        let first = Trace::select(anywhere, any, Trace::zero());
         self.set_goal(start, first, |start, k| share * start.task.uniform(-own.gate_offset[k], own.gate_offset[k]));
         let share = own.start.share(start);
-        for _ in 0..100 {
+        start.again(100, |start| {
             let place = start.position(own.start_place.map(|range| narrowed(range, share)));
             let attitude = own.start.draw(start);
             self.begin(start, first, place, attitude);
-            let position = [0, 1, 2].map(|k| start.task_state[POSITION + k]);
-            if self.distance(start, position) > CLEAR {
-                break;
-            }
-        }
+            let position = start.task_state.array(POSITION);
+            self.distance(&start.goal, position).gt(CLEAR)
+        });
     }
 
     fn remember(&self, view: &View, task_state: &mut Writer) {
@@ -321,10 +315,10 @@ impl Task for Race {
         let (position, next) = (view.drone(0).position, view.task_state[NEXT]);
         view.observe_drone(0, out);
         out.field("height", "m, world", "z").number(position[2]);
-        let gate = self.pose_at(view, next);
+        let gate = self.pose_at(view.goal, next);
         out.field("gate", "m, world", "g − p").array(sub(gate.position, position));
         out.field("gate_direction", "-, world", "n").within(-1.0, 1.0).array(direction(&gate));
-        let gate = self.pose_at(view, self.following(next));
+        let gate = self.pose_at(view.goal, self.following(next));
         out.field("following", "m, world", "g₂ − p").array(sub(gate.position, position));
         out.field("following_direction", "-, world", "n₂").within(-1.0, 1.0).array(direction(&gate));
     }
@@ -400,7 +394,7 @@ impl Task for Race {
         let mut points = vec![Waypoint { time: 0.0, position: drone.position, yaw: drone.yaw() }];
         let mut behind = None;
         for i in (first..first + n).map(|i| i % n) {
-            let gate = self.pose(view, i);
+            let gate = self.pose(view.goal, i);
             let [before, after] = [-STRAIGHT, STRAIGHT].map(|x| gate.point([x, 0.0, 0.0]));
             let turns = [behind, Some(direction(&gate))].into_iter().flatten();
             go_on(&mut points, before, turns);
@@ -414,12 +408,11 @@ impl Task for Race {
     }
 
     fn ideal(&self, start: &mut Start<'_>) {
-        self.set_goal(start, 0, |_, _| 0.0);
-        self.begin(start, 0, [-2.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]);
-        let velocity =
-            scale(self.settings.speed, direction(&Pose { position: [0.0; 3], attitude: self.scene.gates[0].rotation }));
+        self.set_goal(start, Trace::zero(), |_, _| Trace::zero());
+        self.begin(start, Trace::zero(), constants([-2.0, 0.0, 0.0]), constants([1.0, 0.0, 0.0, 0.0]));
+        let velocity = scale(self.settings.speed.into(), direction(&self.pose(&start.goal, 0)));
         let at = self.robot.roots()[0];
         start.state[at + 3..at + 6].copy_from_slice(&velocity);
-        start.task_state[SCORED] = 1.0;
+        start.task_state[SCORED] = Trace::one();
     }
 }

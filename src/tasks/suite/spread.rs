@@ -11,7 +11,7 @@ use super::formation::{StartGrid, places};
 use super::team::{
     CROWD, TeamSettings, crowded, free_team, lowest, mean_throttle_difference, observe_others, squared_separation,
 };
-use super::{MotionLoss, less, made_of, more, rate_cost, speed_cost, times};
+use super::{MotionLoss, less, made_of, more, rate_cost, speed_cost, starts_on_host, times};
 use crate::autodiff::{Array, Scalar, Trace, TraceMask, safe};
 use crate::controllers::reference::{Reference, Tilt, Waypoint, Waypoints};
 use crate::dynamics::spatial::{Vec3, constants, sub};
@@ -19,10 +19,11 @@ use crate::error::{Error, Result};
 use crate::rng::{Purpose, Stream};
 use crate::settings;
 use crate::tasks::config::EnvConfig;
-use crate::tasks::declare::{Ends, Loss, Writer};
+use crate::tasks::declare::{Ends, Goal, Loss, Writer};
 use crate::tasks::reward::{rational_kernel, smooth_norm};
 use crate::tasks::robot::Robot;
-use crate::tasks::task::{BuiltIn, Start, Task, TaskReference, View};
+use crate::tasks::start::{Drawn, Start};
+use crate::tasks::task::{BuiltIn, HostStart, Task, TaskReference, View};
 use crate::tasks::task_spec::Success;
 
 /// When our controllers have every drone at its target, s.
@@ -137,12 +138,17 @@ impl Spread {
     }
 
     /// Keeps the targets, and which of them each drone takes from here, and says where those are.
-    fn set_goal(&self, start: &mut Start<'_>, targets: &[Vec3<f64>], from: &[Vec3<f64>]) -> [Vec3<f64>; MOST] {
-        start.goal.field("targets", "m, world", "q of every target");
-        targets.iter().for_each(|q| start.goal.array(*q));
+    fn set_goal<S: Drawn>(
+        &self,
+        goal: &mut Goal<'_, S>,
+        targets: &[Vec3<f64>],
+        from: &[Vec3<f64>],
+    ) -> [Vec3<f64>; MOST] {
+        goal.field("targets", "m, world", "q of every target");
+        targets.iter().for_each(|q| goal.array(*q));
         let to = places(from, targets).map(|k| targets[k]);
-        start.goal.field("places", "m, world", "q of the target that each drone takes");
-        to[..from.len()].iter().for_each(|place| start.goal.array(*place));
+        goal.field("places", "m, world", "q of the target that each drone takes");
+        to[..from.len()].iter().for_each(|place| goal.array(*place));
         to
     }
 
@@ -153,6 +159,16 @@ impl Spread {
             out.array(Self::way(view, i, k));
         }
         view.observe_drone(i, out);
+    }
+}
+
+impl HostStart for Spread {
+    fn start(&self, start: &mut Start<'_, f64>) {
+        let targets = start.task.stream(|stream| draw_targets(&self.settings, stream)).0;
+        let n = self.n();
+        let (from, attitudes) = self.settings.start.draw(start, n);
+        let to = self.set_goal(&mut start.goal, &targets[..n], &from[..n]);
+        self.settings.start.place(start, &from[..n], &attitudes, &to);
     }
 }
 
@@ -169,13 +185,7 @@ impl Task for Spread {
          their targets to those cells."
     }
 
-    fn start(&self, start: &mut Start<'_>) {
-        let targets = draw_targets(&self.settings, &mut start.task).0;
-        let n = self.n();
-        let (from, attitudes) = self.settings.start.draw(start, n);
-        let to = self.set_goal(start, &targets[..n], &from[..n]);
-        self.settings.start.place(start, &from[..n], &attitudes, &to);
-    }
+    starts_on_host!();
 
     fn observe(&self, view: &View, agent: usize, out: &mut Writer) {
         self.observe_own(view, agent, out);
@@ -259,6 +269,6 @@ impl Task for Spread {
             targets[k] = [k as f64 - 0.5 * (n - 1) as f64, 0.0, 1.5];
             start.place(k, targets[k], [1.0, 0.0, 0.0, 0.0]);
         }
-        self.set_goal(start, &targets[..n], &targets[..n]);
+        self.set_goal(&mut start.goal, &targets[..n], &targets[..n]);
     }
 }

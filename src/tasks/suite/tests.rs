@@ -7,11 +7,11 @@ use crate::autodiff::{Scalar, Trace};
 use crate::dynamics::contact::distance;
 use crate::dynamics::shape::{Geometry, Pose, Shape};
 use crate::tasks::any_task::{Snapshot, declare};
-use crate::tasks::declare::Goal;
+use crate::tasks::env::begin::Draft;
 use crate::tasks::robot::{Inertial, Robot};
-use crate::tasks::task::{BuiltIn, streams};
+use crate::tasks::task::BuiltIn;
 use crate::tasks::task_spec::total;
-use crate::tasks::{Ends, EnvConfig, Start, Task, View, Writer};
+use crate::tasks::{Ends, EnvConfig, Task, View, Writer};
 
 fn config(n_env: usize, task: &str) -> EnvConfig {
     EnvConfig { n_env, task: toml::from_str(task).unwrap(), ..EnvConfig::default() }
@@ -28,7 +28,7 @@ fn drawn_mass_properties_are_those_of_the_model_at_its_masses() {
         let drawn = load.inertial(0.7, 0.03, built.mass - 0.03);
         assert!((built.center_of_mass[2] - drawn.center_of_mass[2]).abs() < 1e-12, "{built:?}, {drawn:?}");
         let (a, b) = (&built.inertia, &drawn.inertia);
-        let off = [a.xx - b.xx, a.yy - b.yy, a.zz - b.zz].into_iter().fold(0.0_f64, |w, d| w.max(d.abs()));
+        let off = a.iter().zip(b).fold(0.0_f64, |most, (a, b)| most.max((a - b).abs()));
         assert!(off < 1e-12, "{side:?}: {off:e}");
     }
 }
@@ -36,21 +36,7 @@ fn drawn_mass_properties_are_those_of_the_model_at_its_masses() {
 /// Reward terms of a task at its ideal, and whether it ends there.
 fn at_ideal(task: &impl Task) -> (Vec<f64>, bool) {
     let (robot, own) = (task.robot(), declare(task).unwrap());
-    let (mut state, mut numbers) = (robot.rest().to_vec(), robot.parameters());
-    let (mut goal, mut task_state) = (vec![0.0; total(&own.goal)], vec![0.0; total(&own.task_state)]);
-    let [reset, draws, once] = streams(1, 2, 3);
-    task.ideal(&mut Start {
-        robot,
-        state: &mut state,
-        goal: Goal::over(&mut goal),
-        task_state: &mut task_state,
-        numbers: &mut numbers,
-        reset,
-        task: draws,
-        once,
-        event_at: f64::INFINITY,
-        difficulty: 1.0,
-    });
+    let Draft { state, numbers, goal, task_state, .. } = Draft::ideal(task, total(&own.goal), total(&own.task_state));
     let seen = Snapshot::of(robot, robot.plant(), &numbers, &state, &goal, task_state);
     seen.ask(robot, |view| {
         let kept = Writer::written(|out| task.remember(view, out)).numbers();

@@ -18,7 +18,8 @@ use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
 use crate::tasks::reward::{exponential_kernel, rational_kernel, smooth_norm, still};
 use crate::tasks::robot::Robot;
-use crate::tasks::task::{BuiltIn, Start, Task, TaskReference, View};
+use crate::tasks::start::Start;
+use crate::tasks::task::{BuiltIn, Task, TaskReference, View};
 use crate::tasks::track_path::{Follow, TrackPath, about_path};
 
 settings! {
@@ -76,7 +77,7 @@ impl Task for Track {
         let position = self.path.draw(start);
         let attitude = self.settings.start.draw(start);
         start.place(0, position, attitude);
-        self.path.join(start, 0, Some(0.0));
+        self.path.join(start, 0, Some(Trace::zero()));
     }
 
     fn observe(&self, view: &View, _: usize, out: &mut Writer) {

@@ -14,7 +14,8 @@ use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Loss, Writer};
 use crate::tasks::reward::{pseudo_huber, smooth_norm, upright};
 use crate::tasks::robot::{Inertial, Robot};
-use crate::tasks::task::{Start, View};
+use crate::tasks::start::{Drawn, Start};
+use crate::tasks::task::View;
 
 /// The box: the root of the model.
 pub const BOX: usize = 0;
@@ -129,8 +130,8 @@ impl Load {
     }
 
     /// Draws the mass of the box; its inertia follows.
-    pub fn draw_mass(&self, start: &mut Start<'_>) {
-        let mass = self.team_mass * start.task.uniform(self.share[0], self.share[1]);
+    pub fn draw_mass<S: Drawn>(&self, start: &mut Start<'_, S>) {
+        let mass = start.task.uniform(self.share[0], self.share[1]) * S::from(self.team_mass);
         let own = Inertial::read(start.numbers, BOX);
         own.scaled(mass / own.mass).write(start.numbers, BOX);
     }

@@ -18,7 +18,9 @@ use super::team::{
 use super::transport::{
     BOX, BOX_NAMES, CarryReward, GroupLoss, GroupSettings, Load, TO_TARGET, group, group_loss, stiff_physics,
 };
-use super::{StartAttitude, StartRange, along_the_course, less, made_of, more, nearer, succeeds_once, times};
+use super::{
+    StartAttitude, StartRange, along_the_course, less, made_of, more, nearer, starts_on_host, succeeds_once, times,
+};
 use crate::autodiff::{Array, Scalar, Trace, safe};
 use crate::dynamics::shape::Pose;
 use crate::dynamics::spatial::{Vec3, sub};
@@ -28,7 +30,8 @@ use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
 use crate::tasks::reward::{exponential_kernel, upright};
 use crate::tasks::robot::Robot;
-use crate::tasks::task::{BuiltIn, Start, Task, View};
+use crate::tasks::start::{Drawn, Start};
+use crate::tasks::task::{BuiltIn, HostStart, Task, View};
 use std::f64::consts::FRAC_PI_2;
 
 /// Starts on the way are no nearer to the beams with the middle of the box, m: half its length and more.
@@ -103,9 +106,25 @@ impl TransportFlyThrough {
     }
 
     /// Keeps p_t, and draws the beams.
-    fn draw(&self, start: &mut Start<'_>, target: Vec3<f64>) {
+    fn draw<S: Drawn>(&self, start: &mut Start<'_, S>, target: Vec3<f64>) {
         start.goal.field("target", "m, world", "p_t").array(target);
         self.bars.draw(start);
+    }
+}
+
+impl HostStart for TransportFlyThrough {
+    fn start(&self, start: &mut Start<'_, f64>) {
+        self.load.draw_mass(start);
+        let target = self.settings.target.map(|[low, high]| start.task.uniform(low, high));
+        self.draw(start, target);
+        for _ in 0..100 {
+            let (position, attitude) = self.settings.start.draw(start);
+            let position = along_the_course(start, self.settings.start_along, position, target, CLEAR);
+            start.place(BOX, position, attitude);
+            if self.bars.clear_of(start, &self.rest, &Pose { position, attitude }) {
+                break;
+            }
+        }
     }
 }
 
@@ -122,19 +141,7 @@ impl Task for TransportFlyThrough {
          rad, yaw within {start_yaw} rad, drones upright above it, at rest."
     }
 
-    fn start(&self, start: &mut Start<'_>) {
-        self.load.draw_mass(start);
-        let target = self.settings.target.map(|[low, high]| start.task.uniform(low, high));
-        self.draw(start, target);
-        for _ in 0..100 {
-            let (position, attitude) = self.settings.start.draw(start);
-            let position = along_the_course(start, self.settings.start_along, position, target, CLEAR);
-            start.place(BOX, position, attitude);
-            if self.bars.clear_of(start, &self.rest, &Pose { position, attitude }) {
-                break;
-            }
-        }
-    }
+    starts_on_host!();
 
     fn remember(&self, view: &View, task_state: &mut Writer) {
         let near = nearer(Self::error(view), self.settings.success_distance);

@@ -22,7 +22,8 @@ use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
 use crate::tasks::reward::{both, exponential_kernel};
 use crate::tasks::robot::Robot;
-use crate::tasks::task::{ANY_YAW, BuiltIn, Start, Task, TaskReference, View};
+use crate::tasks::start::{ANY_YAW, Start};
+use crate::tasks::task::{BuiltIn, Task, TaskReference, View};
 
 /// Where starts are.
 fn start_range() -> StartRange {

@@ -21,7 +21,8 @@ use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
 use crate::tasks::reward::exponential_kernel;
 use crate::tasks::robot::Robot;
-use crate::tasks::task::{BuiltIn, Start, Task, TaskReference, View};
+use crate::tasks::start::Start;
+use crate::tasks::task::{BuiltIn, Task, TaskReference, View};
 use crate::tasks::track_path::{Follow, TrackPath, about_path};
 
 /// Weights of this task.
