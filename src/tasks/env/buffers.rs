@@ -3,6 +3,7 @@
 use super::block::EnvBlock;
 use super::gradient::BlockTape;
 use super::spec::Spec;
+use crate::autodiff::program::BLOCK;
 use crate::error::{Error, Result};
 use crate::parallel::Divide;
 
@@ -128,25 +129,89 @@ impl StepOut<'_> {
     }
 }
 
+/// Numbers per environment of all arrays, in their order.
+type Widths = [usize; 9];
+
+/// Takes the first `n` off.
+fn front<'a, T>(rows: &mut &'a mut [T], n: usize) -> &'a mut [T] {
+    let (front, rest) = std::mem::take(rows).split_at_mut(n);
+    *rows = rest;
+    front
+}
+
+impl<'a> StepOut<'a> {
+    fn widths(&self, n_env: usize) -> Widths {
+        let (observation, reward) = (self.observation.len(), self.reward.len());
+        let (terminated, truncated) = (self.terminated.len(), self.truncated.len());
+        let (central, privileged) = (self.central.len(), self.privileged.len());
+        let (end, central_end) = (self.final_observation.len(), self.final_central.len());
+        let all = [observation, reward, terminated, truncated, central, privileged, end, central_end, self.info.len()];
+        all.map(|n| n / n_env)
+    }
+
+    /// Takes the rows of the first `n` environments off.
+    fn take(&mut self, n: usize, widths: &Widths) -> StepOut<'a> {
+        let [observation, reward, terminated, truncated, central, privileged, end, central_end, info] = *widths;
+        Self {
+            observation: front(&mut self.observation, n * observation),
+            reward: front(&mut self.reward, n * reward),
+            terminated: front(&mut self.terminated, n * terminated),
+            truncated: front(&mut self.truncated, n * truncated),
+            central: front(&mut self.central, n * central),
+            privileged: front(&mut self.privileged, n * privileged),
+            final_observation: front(&mut self.final_observation, n * end),
+            final_central: front(&mut self.final_central, n * central_end),
+            info: front(&mut self.info, n * info),
+        }
+    }
+}
+
 /// Consecutive blocks with their rows of all arrays.
 pub(crate) struct Span<'a> {
     pub blocks: &'a mut [EnvBlock],
     /// Number of the first block.
     pub first: usize,
     /// Environments in all blocks of the span.
-    pub n_env: usize,
-    /// Environments of a block.
-    pub per_block: usize,
+    n_env: usize,
     /// Row-major, one row per environment; may be empty.
     pub actions: &'a [f32],
     pub out: StepOut<'a>,
     /// Of the same blocks, or empty.
     pub tape: &'a mut [BlockTape],
+    widths: Widths,
+    n_action: usize,
 }
 
-fn cut<T>(rows: &mut [T], at: usize, n: usize) -> (&mut [T], &mut [T]) {
-    let each = rows.len().checked_div(n).unwrap_or(0);
-    rows.split_at_mut(at * each)
+impl<'a> Span<'a> {
+    /// Of all `n_env` environments.
+    pub(crate) fn new(
+        blocks: &'a mut [EnvBlock],
+        n_env: usize,
+        actions: &'a [f32],
+        out: StepOut<'a>,
+        tape: &'a mut [BlockTape],
+    ) -> Self {
+        let (widths, n_action) = (out.widths(n_env), actions.len() / n_env);
+        Self { blocks, first: 0, n_env, actions, out, tape, widths, n_action }
+    }
+
+    /// Takes the first `n` blocks off.
+    pub(crate) fn take(&mut self, n: usize) -> Span<'a> {
+        let envs = (n * BLOCK).min(self.n_env);
+        let (actions, rest) = self.actions.split_at(envs * self.n_action);
+        let (first, n_tape) = (self.first, n.min(self.tape.len()));
+        (self.actions, self.first, self.n_env) = (rest, first + n, self.n_env - envs);
+        Span {
+            blocks: front(&mut self.blocks, n),
+            first,
+            n_env: envs,
+            actions,
+            out: self.out.take(envs, &self.widths),
+            tape: front(&mut self.tape, n_tape),
+            widths: self.widths,
+            n_action: self.n_action,
+        }
+    }
 }
 
 impl Divide for Span<'_> {
@@ -154,56 +219,7 @@ impl Divide for Span<'_> {
         self.blocks.len()
     }
 
-    fn divide(self, at: usize) -> (Self, Self) {
-        let n = self.n_env;
-        let envs = (at * self.per_block).min(n);
-        let (left, right) = self.blocks.split_at_mut(at);
-        let actions = self.actions.split_at(envs * self.actions.len().checked_div(n).unwrap_or(0));
-        let o = self.out;
-        let observation = cut(o.observation, envs, n);
-        let reward = cut(o.reward, envs, n);
-        let terminated = cut(o.terminated, envs, n);
-        let truncated = cut(o.truncated, envs, n);
-        let central = cut(o.central, envs, n);
-        let privileged = cut(o.privileged, envs, n);
-        let final_observation = cut(o.final_observation, envs, n);
-        let final_central = cut(o.final_central, envs, n);
-        let info = cut(o.info, envs, n);
-        let a = StepOut {
-            observation: observation.0,
-            reward: reward.0,
-            terminated: terminated.0,
-            truncated: truncated.0,
-            central: central.0,
-            privileged: privileged.0,
-            final_observation: final_observation.0,
-            final_central: final_central.0,
-            info: info.0,
-        };
-        let b = StepOut {
-            observation: observation.1,
-            reward: reward.1,
-            terminated: terminated.1,
-            truncated: truncated.1,
-            central: central.1,
-            privileged: privileged.1,
-            final_observation: final_observation.1,
-            final_central: final_central.1,
-            info: info.1,
-        };
-        let per_block = self.per_block;
-        let tape = self.tape.split_at_mut(at.min(self.tape.len()));
-        (
-            Self { blocks: left, first: self.first, n_env: envs, per_block, actions: actions.0, out: a, tape: tape.0 },
-            Self {
-                blocks: right,
-                first: self.first + at,
-                n_env: n - envs,
-                per_block,
-                actions: actions.1,
-                out: b,
-                tape: tape.1,
-            },
-        )
+    fn divide(mut self, at: usize) -> (Self, Self) {
+        (self.take(at), self)
     }
 }

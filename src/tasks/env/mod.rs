@@ -379,17 +379,15 @@ impl Env {
         tape: &mut [BlockTape],
         each: impl Fn(Stepper<'_>, &mut StepOut<'_>, &mut [BlockTape]) + Sync + Send,
     ) {
-        let (core, pool, n_env) = (&self.core, &self.pool, self.spec.n_env);
-        let span =
-            Span { blocks: &mut self.blocks, first: 0, n_env, per_block: BLOCK, actions, out: out.reborrow(), tape };
+        let (core, pool) = (&self.core, &self.pool);
+        let span = Span::new(&mut self.blocks, self.spec.n_env, actions, out.reborrow(), tape);
         self.threads.for_each_part(span, BLOCKS_PER_PART, &|mut part: Span<'_>| {
             let mut own = pool.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_else(|| core.workspace());
             while !part.blocks.is_empty() {
-                let (mut one, rest) = crate::parallel::Divide::divide(part, 1);
+                let mut one = part.take(1);
                 let (block, first) = (&mut one.blocks[0], one.first * BLOCK);
                 let block = Stepper::new(core, block, &mut own, first, one.actions);
                 each(block, &mut one.out, one.tape);
-                part = rest;
             }
             pool.lock().unwrap_or_else(PoisonError::into_inner).push(own);
         });
