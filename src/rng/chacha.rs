@@ -2,7 +2,7 @@
 //!
 //! A block is sixteen words, a function of a key and its number alone. Lanes differ in both, so environments that draw together
 //! have their blocks computed together, whatever episode and step each is in. The words are those of [`Stream`](super::Stream) to
-//! the bit. One block alone takes its four rows as vectors instead, which every processor has.
+//! the bit. One to four blocks take their four rows as vectors instead.
 
 use crate::autodiff::lanes::{Kernel, Lanes, dispatch};
 
@@ -114,28 +114,55 @@ pub(crate) fn block(key: [u64; 4], number: u64) -> [u32; BLOCK_WORDS] {
 
 /// What a block begins with, behind its rounds.
 fn finished(state: [u32; BLOCK_WORDS]) -> [u32; BLOCK_WORDS] {
-    let [mut a, mut b, mut c, mut d] = [0, 4, 8, 12].map(|i| [state[i], state[i + 1], state[i + 2], state[i + 3]]);
+    let rows = rounds::<4>(std::array::from_fn(|row| std::array::from_fn(|i| state[4 * row + i])));
+    std::array::from_fn(|i| rows[i / 4][i % 4])
+}
+
+/// The words of up to four blocks where registers hold sixteen: one after the other in each row of four. None where they do not, and
+/// one by one is faster.
+pub(crate) fn four(of: &[([u64; 4], u64)]) -> Option<[[u32; BLOCK_WORDS]; 4]> {
+    let mut begun = [[0; ABREAST]; 4];
+    for (k, (key, number)) in of.iter().enumerate() {
+        let state = state(*key, *number);
+        for (row, own) in begun.iter_mut().zip(state.chunks_exact(4)) {
+            row[4 * k..][..4].copy_from_slice(own);
+        }
+    }
+    let rows = dispatch(Four(begun))?;
+    Some(std::array::from_fn(|k| std::array::from_fn(|i| rows[i / 4][4 * k + i % 4])))
+}
+
+struct Four([[u32; ABREAST]; 4]);
+
+impl Kernel for Four {
+    type Output = Option<[[u32; ABREAST]; 4]>;
+    #[inline(always)]
+    fn run<L: Lanes>(self) -> Self::Output {
+        // plain rows: the compiler makes a register of each, with instructions for turns and rotations
+        (L::WIDTH == ABREAST).then(|| rounds(self.0))
+    }
+}
+
+/// The four rows of N/4 blocks behind their rounds.
+#[inline(always)]
+fn rounds<const N: usize>(begun: [[u32; N]; 4]) -> [[u32; N]; 4] {
+    let [mut a, mut b, mut c, mut d] = begun;
     for _ in 0..DOUBLE_ROUNDS {
         rows_round(&mut a, &mut b, &mut c, &mut d);
         // columns become diagonals, and back
-        (b, c, d) = ([b[1], b[2], b[3], b[0]], [c[2], c[3], c[0], c[1]], [d[3], d[0], d[1], d[2]]);
+        (b, c, d) = (turned(b, 1), turned(c, 2), turned(d, 3));
         rows_round(&mut a, &mut b, &mut c, &mut d);
-        (b, c, d) = ([b[3], b[0], b[1], b[2]], [c[2], c[3], c[0], c[1]], [d[1], d[2], d[3], d[0]]);
+        (b, c, d) = (turned(b, 3), turned(c, 2), turned(d, 1));
     }
-    let mut words = [0; BLOCK_WORDS];
-    for i in 0..4 {
-        (words[i], words[4 + i], words[8 + i], words[12 + i]) = (a[i], b[i], c[i], d[i]);
-    }
-    for i in 0..BLOCK_WORDS {
-        words[i] = words[i].wrapping_add(state[i]);
+    let mut words = [a, b, c, d];
+    for (row, begun) in words.iter_mut().zip(&begun) {
+        *row = row_sum(*row, *begun);
     }
     words
 }
 
-type Row = [u32; 4];
-
 #[inline(always)]
-fn rows_round(a: &mut Row, b: &mut Row, c: &mut Row, d: &mut Row) {
+fn rows_round<const N: usize>(a: &mut [u32; N], b: &mut [u32; N], c: &mut [u32; N], d: &mut [u32; N]) {
     *a = row_sum(*a, *b);
     *d = row_xor_rotated(*d, *a, 16);
     *c = row_sum(*c, *d);
@@ -147,14 +174,29 @@ fn rows_round(a: &mut Row, b: &mut Row, c: &mut Row, d: &mut Row) {
 }
 
 #[inline(always)]
-fn row_sum(a: Row, b: Row) -> Row {
-    [a[0].wrapping_add(b[0]), a[1].wrapping_add(b[1]), a[2].wrapping_add(b[2]), a[3].wrapping_add(b[3])]
+fn row_sum<const N: usize>(mut a: [u32; N], b: [u32; N]) -> [u32; N] {
+    for i in 0..N {
+        a[i] = a[i].wrapping_add(b[i]);
+    }
+    a
 }
 
 #[inline(always)]
-fn row_xor_rotated(a: Row, b: Row, by: u32) -> Row {
-    let x = [a[0] ^ b[0], a[1] ^ b[1], a[2] ^ b[2], a[3] ^ b[3]];
-    [x[0].rotate_left(by), x[1].rotate_left(by), x[2].rotate_left(by), x[3].rotate_left(by)]
+fn row_xor_rotated<const N: usize>(mut a: [u32; N], b: [u32; N], by: u32) -> [u32; N] {
+    for i in 0..N {
+        a[i] = (a[i] ^ b[i]).rotate_left(by);
+    }
+    a
+}
+
+/// Every four words turned to the left.
+#[inline(always)]
+fn turned<const N: usize>(a: [u32; N], by: usize) -> [u32; N] {
+    let mut turned = [0; N];
+    for i in 0..N {
+        turned[i] = a[i / 4 * 4 + (i + by) % 4];
+    }
+    turned
 }
 
 #[cfg(test)]
@@ -202,6 +244,20 @@ mod tests {
                     let own = words.map(|row| row[lane]);
                     assert_eq!(own, theirs(*key, *number), "{set:?}, lane {lane} of {n}");
                     assert_eq!(own, abreast.words_of(lane));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn four_blocks_are_those_of_the_crate_or_none() {
+        for set in [Set::Avx512, Set::Avx2, Set::OneLane].into_iter().filter(|set| set.is_here()) {
+            for (case, n) in (0..20).zip((1..=4).cycle()) {
+                let blocks = blocks(case);
+                let words = with_set(set, || four(&blocks[..n]));
+                assert_eq!(words.is_some(), matches!(set, Set::Avx512), "{set:?}");
+                for (own, (key, number)) in words.iter().flatten().zip(&blocks[..n]) {
+                    assert_eq!(*own, theirs(*key, *number), "{set:?} of {n}");
                 }
             }
         }

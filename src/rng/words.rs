@@ -1,6 +1,6 @@
 //! Streams that are begun many at a time: their blocks are computed together, then each draws alone.
 
-use super::chacha::{ABREAST, Abreast, BLOCK_WORDS, block};
+use super::chacha::{ABREAST, Abreast, BLOCK_WORDS, block, four};
 
 /// Consecutive 32-bit words of a stream, from a position on: what [`Stream`](super::Stream) would draw, with one block in hand.
 ///
@@ -18,8 +18,8 @@ pub(crate) struct Words {
 
 /// No block has this number: positions end before.
 const NONE: u64 = u64::MAX;
-/// From which number on blocks abreast cost less than one by one.
-const WORTH_LANES: usize = 4;
+/// From which number on blocks abreast cost less than one by one, and than four by four where these can be.
+const WORTH_LANES: [usize; 2] = [4, 12];
 
 /// Computes the blocks that these stand in, of those that have it not in hand, [`ABREAST`] at once.
 pub(crate) fn blocks(of: &mut [Words]) {
@@ -39,7 +39,11 @@ pub(crate) fn blocks(of: &mut [Words]) {
 
 /// The blocks of up to [`ABREAST`] of them.
 fn fill(of: &mut [Words], which: &[usize]) {
-    if which.len() < WORTH_LANES {
+    let [worth, worth_beside_four] = WORTH_LANES;
+    if (2..worth_beside_four).contains(&which.len()) && which.chunks(4).all(|which| fill_four(of, which)) {
+        return;
+    }
+    if which.len() < worth {
         which.iter().for_each(|i| of[*i].compute());
         return;
     }
@@ -53,6 +57,17 @@ fn fill(of: &mut [Words], which: &[usize]) {
         own.block = own.number();
         own.words.iter_mut().zip(&words).for_each(|(word, lanes)| *word = lanes[lane]);
     }
+}
+
+/// Those of up to four, if these can be computed together.
+fn fill_four(of: &mut [Words], which: &[usize]) -> bool {
+    let mut begun = [([0; 4], 0); 4];
+    begun.iter_mut().zip(which).for_each(|(begun, i)| *begun = (of[*i].key, of[*i].number()));
+    let Some(words) = four(&begun[..which.len()]) else { return false };
+    for (i, words) in which.iter().zip(words) {
+        (of[*i].block, of[*i].words) = (of[*i].number(), words);
+    }
+    true
 }
 
 impl Words {
