@@ -2,22 +2,21 @@
 
 use super::chacha::{ABREAST, Abreast, BLOCK_WORDS, block, four};
 
-/// Consecutive 32-bit words of a stream, from a position on: what [`Stream`](super::Stream) would draw, with one block in hand.
+/// Consecutive 32-bit words of a stream, from a position on: what [`Stream`](super::Stream) would draw, with some in hand.
 ///
-/// Nothing is computed before the first draw. [`blocks`] computes the block of many at once; without it, or behind the end of the
-/// block, a draw computes its own.
+/// Nothing is computed before the first draw. [`blocks`] computes the block of many at once; without it a draw computes its own, and
+/// behind what is in hand four at once where these cost little more than one.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Words {
     key: [u64; 4],
     /// Words drawn so far.
     position: u64,
-    /// Number of the block in hand; [`NONE`] for none.
-    block: u64,
-    words: [u32; BLOCK_WORDS],
+    /// Position of the first word in hand, and how many follow it: whole blocks.
+    begin: u64,
+    held: u64,
+    words: [u32; 4 * BLOCK_WORDS],
 }
 
-/// No block has this number: positions end before.
-const NONE: u64 = u64::MAX;
 /// From which number on blocks abreast cost less than one by one, and than four by four where these can be.
 const WORTH_LANES: [usize; 2] = [4, 12];
 
@@ -25,7 +24,7 @@ const WORTH_LANES: [usize; 2] = [4, 12];
 pub(crate) fn blocks(of: &mut [Words]) {
     let (mut waiting, mut n) = ([0; ABREAST], 0);
     for i in 0..of.len() {
-        if of[i].block != of[i].number() {
+        if !of[i].is_in_hand() {
             waiting[n] = i;
             n += 1;
         }
@@ -44,7 +43,10 @@ fn fill(of: &mut [Words], which: &[usize]) {
         return;
     }
     if which.len() < worth {
-        which.iter().for_each(|i| of[*i].compute());
+        for i in which {
+            let block = block(of[*i].key, of[*i].number());
+            of[*i].hold(|own| own[..BLOCK_WORDS].copy_from_slice(&block));
+        }
         return;
     }
     let mut abreast = Abreast::new();
@@ -53,9 +55,7 @@ fn fill(of: &mut [Words], which: &[usize]) {
     }
     let words = abreast.words(which.len());
     for (lane, i) in which.iter().enumerate() {
-        let own = &mut of[*i];
-        own.block = own.number();
-        own.words.iter_mut().zip(&words).for_each(|(word, lanes)| *word = lanes[lane]);
+        of[*i].hold(|own| own.iter_mut().zip(&words).for_each(|(word, lanes)| *word = lanes[lane]));
     }
 }
 
@@ -65,7 +65,7 @@ fn fill_four(of: &mut [Words], which: &[usize]) -> bool {
     begun.iter_mut().zip(which).for_each(|(begun, i)| *begun = (of[*i].key, of[*i].number()));
     let Some(words) = four(&begun[..which.len()]) else { return false };
     for (i, words) in which.iter().zip(words) {
-        (of[*i].block, of[*i].words) = (of[*i].number(), words);
+        of[*i].hold(|own| own[..BLOCK_WORDS].copy_from_slice(&words));
     }
     true
 }
@@ -73,7 +73,7 @@ fn fill_four(of: &mut [Words], which: &[usize]) -> bool {
 impl Words {
     /// Those of [`Stream::restore`](super::Stream::restore).
     pub fn restore(key: [u64; 4], position: u64) -> Self {
-        Self { key, position, block: NONE, words: [0; BLOCK_WORDS] }
+        Self { key, position, begin: 0, held: 0, words: [0; 4 * BLOCK_WORDS] }
     }
 
     /// 32-bit words drawn so far.
@@ -86,14 +86,31 @@ impl Words {
         self.position / BLOCK_WORDS as u64
     }
 
+    fn is_in_hand(&self) -> bool {
+        self.position.wrapping_sub(self.begin) < self.held
+    }
+
+    /// Takes the block that the next word is in, which `write` writes.
+    fn hold(&mut self, write: impl FnOnce(&mut [u32])) {
+        (self.begin, self.held) = (self.number() * BLOCK_WORDS as u64, BLOCK_WORDS as u64);
+        write(&mut self.words);
+    }
+
+    /// The block that the next word is in, and three behind it where that costs little.
     fn compute(&mut self) {
-        self.block = self.number();
-        self.words = block(self.key, self.block);
+        let (key, number) = (self.key, self.number());
+        let following = [0, 1, 2, 3].map(|k| (key, number.wrapping_add(k)));
+        if let Some(words) = four(&following) {
+            self.hold(|own| own.copy_from_slice(words.as_flattened()));
+            self.held = self.words.len() as u64;
+        } else {
+            self.hold(|own| own[..BLOCK_WORDS].copy_from_slice(&block(key, number)));
+        }
     }
 
     /// The same place in memory for another stream; numbers are computed when they are drawn.
     pub fn restart(&mut self, key: [u64; 4], position: u64) {
-        (self.key, self.position, self.block) = (key, position, NONE);
+        (self.key, self.position, self.held) = (key, position, 0);
     }
 
     /// Goes to a word.
@@ -102,10 +119,10 @@ impl Words {
     }
 
     fn next_u32(&mut self) -> u32 {
-        if self.block != self.number() {
+        if !self.is_in_hand() {
             self.compute();
         }
-        let word = self.words[self.position as usize % BLOCK_WORDS];
+        let word = self.words[(self.position - self.begin) as usize];
         self.position = self.position.wrapping_add(1);
         word
     }
@@ -113,11 +130,10 @@ impl Words {
     /// As [`Stream::next_u64`](super::Stream::next_u64).
     #[inline]
     pub fn next_u64(&mut self) -> u64 {
-        let at = self.position as usize % BLOCK_WORDS;
-        // what was drawn so far is a whole number of draws, as a rule: both words are of one block
-        if self.block == self.number() && at + 1 < BLOCK_WORDS {
+        let at = self.position.wrapping_sub(self.begin);
+        if at < self.held.saturating_sub(1) {
             self.position += 2;
-            return u64::from(self.words[at]) | u64::from(self.words[at + 1]) << 32;
+            return u64::from(self.words[at as usize]) | u64::from(self.words[at as usize + 1]) << 32;
         }
         let low = self.next_u32();
         u64::from(low) | u64::from(self.next_u32()) << 32
@@ -161,6 +177,11 @@ mod tests {
         own.restart([1, 2, 3, 4], 0);
         own.go_to(6);
         assert_eq!(own.next_u64(), stream.next_u64());
+        // forwards and back, to within a block, across its end and before what is in hand
+        for position in [90, 31, 15, 16, 17, 15, 4, 1 << 40, 63, 79] {
+            (own.position, stream) = (position, Stream::restore([1, 2, 3, 4], position));
+            (0..40).for_each(|_| assert_eq!(own.next_u64(), stream.next_u64(), "from {position}"));
+        }
     }
 
     #[test]
@@ -168,7 +189,7 @@ mod tests {
         let (mut words, mut streams) = pairs(20);
         blocks(&mut words);
         // what is in hand is kept: a mark in it is drawn
-        let next = words[7].position() as usize % BLOCK_WORDS;
+        let next = (words[7].position() - words[7].begin) as usize;
         words[7].words[next] ^= 1;
         blocks(&mut words);
         assert_eq!(words[7].next_u32(), streams[7].next_u64() as u32 ^ 1);
