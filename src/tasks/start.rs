@@ -268,6 +268,26 @@ impl Draws<'_, f64> {
 
 /// The start of an episode or an event in one: draws, and where they go. In an event goal, task state and numbers are those in force,
 /// and the goal is changed by place.
+///
+/// ```
+/// use omnidrones::tasks::Start;
+/// use omnidrones::tasks::robot::Inertial;
+///
+/// /// Another mass in every episode, of a robot that is `varying_inertial(0)`; a height to hold.
+/// fn start(start: &mut Start) {
+///     let factor = start.task.uniform(0.8, 1.2);
+///     Inertial::read(start.numbers, 0).scaled(factor).write(start.numbers, 0);
+///     let height = start.task.uniform(1.0, 3.0);
+///     start.goal.field("height", "m, world", "to hold").number(height);
+///     start.event_at = start.task.geometric(100.0);
+/// }
+///
+/// /// Another height, every hundred steps on average.
+/// fn event(start: &mut Start) {
+///     start.goal[0] = start.task.uniform(1.0, 3.0);
+///     start.event_at += start.task.geometric(100.0);
+/// }
+/// ```
 pub struct Start<'a, S = Trace> {
     /// What flies.
     pub robot: &'a Robot,
