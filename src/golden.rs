@@ -3,14 +3,14 @@
 //! All instruction sets that fuse multiplication and addition come to the same hash, the one-lane fallback to another. A change
 //! of a hash is a line in the changelog; the test prints the table as it is now.
 
-use crate::autodiff::lanes::{Set, with_set};
-use crate::parallel::Threads;
-use crate::rl::Learner;
-use crate::rl::apg::{Apg, ApgConfig};
-use crate::rl::ppo::{Ppo, PpoConfig};
-use crate::rl::shac::{Shac, ShacConfig};
-use crate::tasks::{Buffers, Env, EnvConfig};
+use autodiff::lanes::{Set, with_set};
+use base::parallel::Threads;
+use rl::Learner;
+use rl::apg::{Apg, ApgConfig};
+use rl::ppo::{Ppo, PpoConfig};
+use rl::shac::{Shac, ShacConfig};
 use sha2::{Digest, Sha256};
+use tasks::{Buffers, Env, EnvConfig};
 
 /// Name, hash where operations are fused, hash of one lane.
 const TABLE: &[(&str, &str, &str)] = &[

@@ -3,21 +3,21 @@
 mod compiled;
 
 pub use self::compiled::{Certified, Timed, ToOrigin, body_poses, contact_forces, energies, step_plant};
-pub use crate::dynamics::contact::force::force as contact_force;
-pub use crate::dynamics::integrate::{Grid, step};
-pub use crate::file_gate::{UNFINISHED_NAME, own_folder, read_text, remove_unfinished, replace, replace_with};
-pub use crate::names::{cell, quoted_cell, steers};
-pub use crate::reader::{of_json, of_toml};
-pub use crate::rl::checkpoint::store::{check_removable, remove_checkpoints};
-pub use crate::rl::ending::{Left, ask as ask_to_end, wait as wait_to_end};
-pub use crate::rl::policy::ROWS;
-pub use crate::rl::search::told as told_search;
-pub use crate::rl::shards::{Shard, shards};
-pub use crate::tasks::env::check::check_env_for;
+pub use base::file_gate::{UNFINISHED_NAME, own_folder, read_text, remove_unfinished, replace, replace_with};
+pub use base::names::{cell, quoted_cell, steers};
+pub use base::reader::{of_json, of_toml};
+pub use dynamics::contact::force::force as contact_force;
+pub use dynamics::integrate::{Grid, step};
+pub use rl::checkpoint::store::{check_removable, remove_checkpoints};
+pub use rl::ending::{Left, ask as ask_to_end, wait as wait_to_end};
+pub use rl::policy::ROWS;
+pub use rl::search::told as told_search;
+pub use rl::shards::{Shard, shards};
+pub use tasks::env::check::check_env_for;
 
-use crate::controllers::design::{self, Corner};
-use crate::controllers::{BodyModel, Setpoint, position};
-use crate::dynamics::{Physics, Vehicle};
+use controllers::design::{self, Corner};
+use controllers::{BodyModel, Setpoint, position};
+use dynamics::{Physics, Vehicle};
 
 /// How a step is divided.
 pub fn grid(physics: &Physics) -> Grid {

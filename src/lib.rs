@@ -83,29 +83,21 @@
 
 #![warn(missing_docs)]
 
-pub mod autodiff;
-pub mod controllers;
-mod defaults;
-pub(crate) mod documented;
-pub mod dynamics;
-pub mod error;
-pub(crate) mod file_gate;
-pub mod flight;
 #[cfg(all(test, target_arch = "x86_64", target_os = "linux", target_env = "gnu"))]
 mod golden;
 #[doc(hidden)]
 pub mod internals;
-pub mod layers;
-mod memory;
-pub(crate) mod names;
-pub mod parallel;
 pub mod prelude;
-pub(crate) mod reader;
-pub mod rl;
-pub mod rng;
 #[cfg(test)]
 mod speed_gate;
-pub mod tasks;
+
+#[doc(inline)]
+pub use base::{error, layers, parallel};
+#[doc(inline)]
+pub use {autodiff, controllers, dynamics, flight, rl, rng, tasks};
+
+#[doc(inline)]
+pub use tasks::settings;
 
 /// Vectors and matrices of the interface are of this version.
 pub use nalgebra;

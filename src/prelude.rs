@@ -11,15 +11,15 @@
 //! | learning | [`TrainConfig`], [`Trainer`], [`Learner`], [`Policy`], [`load_policy`] |
 //! | all of them | [`Stream`] of random numbers, [`Threads`] |
 //!
-//! [`error::Result`](crate::error::Result) is not among them: it would hide the standard one.
+//! [`error::Result`](base::error::Result) is not among them: it would hide the standard one.
 
-pub use crate::autodiff::{Array, Rollout, Scalar, System, Trace, TraceMask, certify, linearise, safe};
-pub use crate::controllers::{
+pub use autodiff::{Array, Rollout, Scalar, System, Trace, TraceMask, certify, linearise, safe};
+pub use base::parallel::Threads;
+pub use controllers::{
     ClosedLoop, ControlLaw, Controller, Flight, FlightPlan, Measurement, Moment, Rates, Reference, Running, Target,
     fly, fly_vehicle,
 };
-pub use crate::dynamics::{Disturbance, Multirotor, Physics, Plant, Vehicle, World, configurations, vehicles};
-pub use crate::parallel::Threads;
-pub use crate::rl::{Learner, Policy, TrainConfig, Trainer, load_policy};
-pub use crate::rng::Stream;
-pub use crate::tasks::{Buffers, Ends, Env, EnvConfig, Robot, SingleEnv, Start, Task, View, Writer};
+pub use dynamics::{Disturbance, Multirotor, Physics, Plant, Vehicle, World, configurations, vehicles};
+pub use rl::{Learner, Policy, TrainConfig, Trainer, load_policy};
+pub use rng::Stream;
+pub use tasks::{Buffers, Ends, Env, EnvConfig, Robot, SingleEnv, Start, Task, View, Writer};

@@ -10,8 +10,8 @@ use super::program::{BlockWorkspace, InPlace, InPlaceWork, Program};
 use super::rollout::record_step;
 use super::system::{Objective, System};
 use super::trace::Recording;
-use crate::error::{Error, Result};
-use crate::parallel::Threads;
+use base::error::{Error, Result};
+use base::parallel::Threads;
 use std::sync::Arc;
 
 /// One number of each environment of a block.
@@ -268,7 +268,7 @@ impl<'a> Sweep<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::autodiff::{Rollout, Scalar};
+    use crate::{Rollout, Scalar};
 
     /// A damped pendulum with stiffness and damping as parameters, pushed by u.
     struct Pendulum;

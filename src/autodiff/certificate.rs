@@ -24,8 +24,8 @@ use super::program::Program;
 use super::system::System;
 use super::trace::{Recording, Trace};
 use super::{Scalar, system};
-use crate::defaults::with_defaults;
-use crate::error::{Error, Result};
+use base::defaults::with_defaults;
+use base::error::{Error, Result};
 use std::fmt;
 
 with_defaults! {
@@ -96,14 +96,14 @@ pub fn certify<F: System>(system: &F, state: &[f64], input: &[f64], parameters: 
     let (n, m, p) = (system.n_state(), system.n_input(), system.n_parameter());
     super::rollout::check_lengths(system, state, input, parameters)?;
     let point: Vec<f64> = state.iter().chain(input).chain(parameters).copied().collect();
-    crate::error::finite("the point of the certificate", &point)?;
+    base::error::finite("the point of the certificate", &point)?;
     let evaluate = |z: &[f64]| {
         let mut next = vec![0.0; n];
         system.step(&z[..n], &z[n..n + m], &z[n + m..], &mut next);
         next
     };
     let value = evaluate(&point);
-    crate::error::finite("the step at the point of the certificate", &value)?;
+    base::error::finite("the step at the point of the certificate", &value)?;
 
     let width = n + m + p;
     let mut dual = vec![0.0; n * width];

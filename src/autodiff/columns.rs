@@ -10,7 +10,8 @@ pub const BLOCK: usize = 64;
 /// Row k holds number k of [`BLOCK`] environments. Each begins at a line of the cache: a register that lies across two
 /// costs two accesses.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Columns(Vec<Row>);
+#[doc(hidden)]
+pub struct Columns(Vec<Row>);
 
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C, align(64))]
@@ -18,7 +19,8 @@ struct Row([f32; BLOCK]);
 
 impl Columns {
     /// `n` rows of zeros.
-    pub(crate) fn zeros(n: usize) -> Self {
+    #[doc(hidden)]
+    pub fn zeros(n: usize) -> Self {
         Self(vec![Row([0.0; BLOCK]); n])
     }
 }
@@ -45,11 +47,13 @@ impl DerefMut for Columns {
 }
 
 /// `f64` numbers of a line of the cache.
-pub(crate) const LINE: usize = 8;
+#[doc(hidden)]
+pub const LINE: usize = 8;
 
 /// Rows of [`LINE`] numbers in `f64`, each a line of the cache: of as many steps, or of as many rows of a Jacobian.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Lines(Vec<Line>);
+#[doc(hidden)]
+pub struct Lines(Vec<Line>);
 
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C, align(64))]
@@ -57,7 +61,8 @@ struct Line([f64; LINE]);
 
 impl Lines {
     /// `n` rows of zeros.
-    pub(crate) fn zeros(n: usize) -> Self {
+    #[doc(hidden)]
+    pub fn zeros(n: usize) -> Self {
         Self(vec![Line([0.0; LINE]); n])
     }
 }

@@ -28,6 +28,7 @@ use std::sync::{Arc, OnceLock};
 /// the stack where evaluations shall not allocate.
 ///
 /// ```
+/// # use omnidrones_autodiff::omnidrones;
 /// use omnidrones::autodiff::{CustomFunction, Operation, Scalar};
 /// use num_dual::Dual64;
 ///
@@ -101,7 +102,8 @@ pub struct Points<'a> {
 impl<'a> Points<'a> {
     /// # Panics
     /// If rows are not of `width` or `n` is more than that.
-    pub(crate) fn new(width: usize, n: usize, arguments: &'a [f32], results: &'a mut [f32]) -> Self {
+    #[doc(hidden)]
+    pub fn new(width: usize, n: usize, arguments: &'a [f32], results: &'a mut [f32]) -> Self {
         assert!(
             n <= width && arguments.len().is_multiple_of(width) && results.len().is_multiple_of(width),
             "rows of points"
@@ -128,7 +130,8 @@ impl<'a> Points<'a> {
     }
 
     /// Result `k` of every point.
-    pub(crate) fn result_mut(&mut self, k: usize) -> &mut [f32] {
+    #[doc(hidden)]
+    pub fn result_mut(&mut self, k: usize) -> &mut [f32] {
         &mut self.results[k * self.width..][..self.n]
     }
 
@@ -138,7 +141,8 @@ impl<'a> Points<'a> {
     }
 
     /// Likewise of these points.
-    pub(crate) fn each_of(
+    #[doc(hidden)]
+    pub fn each_of(
         &mut self,
         points: impl IntoIterator<Item = usize>,
         n_argument: usize,
@@ -266,7 +270,8 @@ fn reverse(function: &dyn CustomFunction, x: &[f64], y_bar: &[f64], x_bar: &mut 
 }
 
 /// Likewise, of x and ȳ one behind the other.
-pub(crate) fn reverse_at(z: &[f64], n: usize, x_bar: &mut [f64], f: impl FnOnce(&[f64], &[f64], &mut [f64])) {
+#[doc(hidden)]
+pub fn reverse_at(z: &[f64], n: usize, x_bar: &mut [f64], f: impl FnOnce(&[f64], &[f64], &mut [f64])) {
     let (x, y_bar) = z.split_at(n);
     if moves(y_bar) { f(x, y_bar, x_bar) } else { x_bar.fill(0.0) }
 }

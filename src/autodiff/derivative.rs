@@ -6,7 +6,7 @@ use super::sweep::{RowsScratch, Sweep};
 use super::system::System;
 use super::trace::chain::Price;
 use super::trace::{Recording, Trace};
-use crate::error::Result;
+use base::error::Result;
 use nalgebra::{DMatrix, DVector};
 use num_dual::Dual64;
 
@@ -78,14 +78,27 @@ pub fn jacobian<F: System>(
 /// reverse sweep per state on one graph.
 ///
 /// ```
-/// use omnidrones::autodiff::CompiledJacobian;
-/// use omnidrones::prelude::*;
+/// # use omnidrones_autodiff::omnidrones;
+/// use omnidrones::autodiff::{CompiledJacobian, Scalar, System, linearise};
 ///
-/// let plant = Multirotor::new(&vehicles::by_name("hummingbird")?, Physics::default())?;
-/// let (x, u) = (plant.hover_state([0.0, 0.0, 1.0])?, plant.hover_input()?);
-/// let mut columns = vec![0.0; x.len() * (x.len() + u.len())];
-/// CompiledJacobian::new(&plant)?.evaluate(&x, &u, &[], &mut columns);
-/// let a = linearise(&plant, &x, &u, &[]).state;
+/// /// 10 ms of a pendulum of 1 m that a torque swings.
+/// struct Pendulum;
+/// impl System for Pendulum {
+///     fn n_state(&self) -> usize {
+///         2
+///     }
+///     fn n_input(&self) -> usize {
+///         1
+///     }
+///     fn step<S: Scalar>(&self, x: &[S], u: &[S], _: &[S], next: &mut [S]) {
+///         let rate = x[1] + S::constant(0.01) * (u[0] - S::constant(9.81) * x[0].sin_cos().0);
+///         (next[0], next[1]) = (x[0] + S::constant(0.01) * rate, rate);
+///     }
+/// }
+///
+/// let mut columns = [0.0; 2 * 3];
+/// CompiledJacobian::new(&Pendulum)?.evaluate(&[0.3, 0.0], &[0.1], &[], &mut columns);
+/// let a = linearise(&Pendulum, &[0.3, 0.0], &[0.1], &[]).state;
 /// assert!(columns.iter().zip(&a).all(|(c, d)| (c - d).abs() < 1e-12));
 /// # Ok::<(), omnidrones::error::Error>(())
 /// ```
@@ -109,7 +122,7 @@ impl CompiledJacobian {
     /// Records the step of a system and compiles its Jacobian with respect to [x; u; θ].
     ///
     /// # Errors
-    /// [`Error::Limit`](crate::error::Error::Limit) if the recording is too large.
+    /// [`Error::Limit`](base::error::Error::Limit) if the recording is too large.
     pub fn new<F: System>(system: &F) -> Result<Self> {
         let (n, m, p) = (system.n_state(), system.n_input(), system.n_parameter());
         let recording = Recording::of(n + m + p, |z| {

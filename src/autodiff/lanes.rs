@@ -17,7 +17,8 @@
 
 mod tiles;
 
-pub(crate) use tiles::{gather_rows, ones, to_columns, to_rows};
+#[doc(hidden)]
+pub use tiles::{gather_rows, ones, to_columns, to_rows};
 
 use super::columns::{BLOCK, LINE};
 use super::custom::{Operation, Scratch};
@@ -32,7 +33,8 @@ use std::mem::MaybeUninit;
 use std::ops::{Add, AddAssign, Div, Mul, MulAssign, Neg, Sub, SubAssign};
 
 /// `f32` numbers side by side, one environment each. Only [`dispatch`] makes them.
-pub(crate) trait Lanes: Scalar {
+#[doc(hidden)]
+pub trait Lanes: Scalar {
     /// How many.
     const WIDTH: usize;
     /// The first [`WIDTH`](Self::WIDTH) numbers of `source`.
@@ -74,7 +76,8 @@ pub(crate) trait Lanes: Scalar {
 }
 
 /// A function over lanes. Mark [`run`](Self::run) and all that it calls `#[inline(always)]`.
-pub(crate) trait Kernel {
+#[doc(hidden)]
+pub trait Kernel {
     /// What it returns.
     type Output;
     /// Does it.
@@ -93,7 +96,8 @@ pub(crate) trait Kernel {
 
 /// A function of one register of environments of a block. Mark [`run`](Self::run) and all that it calls
 /// `#[inline(always)]`.
-pub(crate) trait RegisterKernel {
+#[doc(hidden)]
+pub trait RegisterKernel {
     /// Does it for the environments at lanes `at` … of the block.
     fn run<L: Lanes>(&mut self, at: usize);
 }
@@ -133,19 +137,25 @@ struct LaneMask<S: Simd>(S::m32s);
 /// Runs `kernel` with the widest instruction set of this processor.
 // `inline`, as the two below: kernels are then compiled with their callers, in many units, and not all of them here in one
 #[inline]
-pub(crate) fn dispatch<K: Kernel>(kernel: K) -> K::Output {
+#[doc(hidden)]
+pub fn dispatch<K: Kernel>(kernel: K) -> K::Output {
     arch().dispatch(Entry(kernel))
 }
 
-#[cfg(not(test))]
 fn arch() -> pulp::Arch {
-    pulp::Arch::new()
+    CHOSEN.get().unwrap_or_default()
+}
+
+thread_local! {
+    /// What [`with_set`] chose.
+    static CHOSEN: Cell<Option<pulp::Arch>> = const { Cell::new(None) };
 }
 
 /// Runs `kernel` for the registers that hold the first `n` environments of a block, one after the other. The body is a
 /// function of its own: a loop around thousands of instructions takes the compiler twice as long and gains nothing.
 #[inline]
-pub(crate) fn each_register<K: RegisterKernel>(n: usize, kernel: K) {
+#[doc(hidden)]
+pub fn each_register<K: RegisterKernel>(n: usize, kernel: K) {
     each_register_of(first_lanes(n), kernel);
 }
 
@@ -156,7 +166,8 @@ pub(crate) fn each_register_of<K: RegisterKernel>(lanes: u64, mut kernel: K) {
 }
 
 /// The first `n` lanes of a block.
-pub(crate) fn first_lanes(n: usize) -> u64 {
+#[doc(hidden)]
+pub fn first_lanes(n: usize) -> u64 {
     if n >= BLOCK { u64::MAX } else { (1 << n) - 1 }
 }
 
@@ -216,16 +227,14 @@ pub fn lane_width() -> usize {
     dispatch(Width)
 }
 
-/// Instruction sets that speeds are compared of.
-#[cfg(test)]
+/// Instruction sets that bits and speeds are compared of.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Set {
+pub enum Set {
     Avx512,
     Avx2,
     OneLane,
 }
 
-#[cfg(test)]
 impl Set {
     fn arch(self) -> Option<pulp::Arch> {
         match self {
@@ -240,24 +249,13 @@ impl Set {
     }
 
     /// Whether this processor has it.
-    pub(crate) fn is_here(self) -> bool {
+    pub fn is_here(self) -> bool {
         self.arch().is_some()
     }
 }
 
-#[cfg(test)]
-thread_local! {
-    static CHOSEN: Cell<Option<pulp::Arch>> = const { Cell::new(None) };
-}
-
-#[cfg(test)]
-fn arch() -> pulp::Arch {
-    CHOSEN.get().unwrap_or_default()
-}
-
 /// Does `work` with all that it dispatches on this thread in one instruction set, the widest if this processor has not got it.
-#[cfg(test)]
-pub(crate) fn with_set<T>(set: Set, work: impl FnOnce() -> T) -> T {
+pub fn with_set<T>(set: Set, work: impl FnOnce() -> T) -> T {
     CHOSEN.set(set.arch());
     let result = work();
     CHOSEN.set(None);
@@ -265,8 +263,7 @@ pub(crate) fn with_set<T>(set: Set, work: impl FnOnce() -> T) -> T {
 }
 
 /// Runs `kernel` once with every instruction set that this processor has, widest first.
-#[cfg(test)]
-pub(crate) fn dispatch_each<K: Kernel + Copy>(kernel: K) -> Vec<(&'static str, K::Output)> {
+pub fn dispatch_each<K: Kernel + Copy>(kernel: K) -> Vec<(&'static str, K::Output)> {
     let mut results = Vec::new();
     #[cfg(target_arch = "x86_64")]
     {
@@ -763,7 +760,7 @@ mod tests {
             -1.0,
             0.5,
         ];
-        let mut r = crate::rng::Stream::new(50, which, 0, crate::rng::Purpose::user(50));
+        let mut r = rng::Stream::new(50, which, 0, rng::Purpose::user(50));
         let mut draw = |_| match r.below(4) {
             0 => special[r.below(special.len() as u64) as usize],
             1 => f32::from_bits(r.next_u64() as u32),

@@ -14,7 +14,8 @@ mod runs;
 mod slots;
 mod value;
 
-pub(crate) use self::in_place::{InPlace, InPlaceWork};
+#[doc(hidden)]
+pub use self::in_place::{InPlace, InPlaceWork};
 pub(crate) use self::value::Tape;
 pub use self::value::{Action, CallOf, Callee, Instruction, Op, Source, Split, Value, ValueForm};
 pub use super::columns::BLOCK;
@@ -28,7 +29,7 @@ use super::native::{self, Code, Layout, Row, Rows, WhyInterpreted, in_standard_m
 use super::once::made_once;
 use super::scalar::Scalar;
 use super::trace::Recording;
-use crate::error::{Error, Result};
+use base::error::{Error, Result};
 use std::sync::{Arc, OnceLock};
 
 /// Slots of a small workspace: 32 KiB.
@@ -321,7 +322,8 @@ impl Program {
     }
 
     /// As [`Program::workspace`] where so many evaluations, with those that were asked for before, are worth the code.
-    pub(crate) fn workspace_for(&self, n_evaluation: u64) -> Workspace {
+    #[doc(hidden)]
+    pub fn workspace_for(&self, n_evaluation: u64) -> Workspace {
         self.native_workspace_for(n_evaluation).unwrap_or_else(|| self.interpreter_workspace())
     }
 
@@ -489,7 +491,8 @@ impl Program {
 
     /// As [`Program::evaluate_block`] for the first `n` environments of the block; what comes out for the others is left
     /// open.
-    pub(crate) fn evaluate_lanes(
+    #[doc(hidden)]
+    pub fn evaluate_lanes(
         &self,
         n: usize,
         workspace: &mut BlockWorkspace,

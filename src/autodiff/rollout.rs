@@ -16,7 +16,7 @@ use super::system::{Objective, System};
 use super::trace::chain::Price;
 use super::trace::{Recording, Trace};
 use super::{Scalar, trace};
-use crate::error::{Error, Result};
+use base::error::{Error, Result};
 use num_dual::Dual64;
 use std::sync::Arc;
 
@@ -34,6 +34,7 @@ pub struct Gradient {
 /// A system and an objective with their derived adjoints, ready to differentiate rollouts.
 ///
 /// ```
+/// # use omnidrones_autodiff::omnidrones;
 /// use omnidrones::autodiff::{Objective, Rollout, Scalar, System};
 ///
 /// /// A point mass pushed for 20 ms at a time.
@@ -107,27 +108,31 @@ pub struct Scratch {
 
 /// The step of a system as machine code, for flights that are judged and not differentiated.
 #[derive(Debug)]
-pub(crate) struct StepCode {
+#[doc(hidden)]
+pub struct StepCode {
     codes: Arc<Codes>,
     sizes: [usize; 3],
 }
 
 impl StepCode {
-    pub(crate) fn of<F: System, C: Objective>(system: &F, objective: &C) -> Self {
+    #[doc(hidden)]
+    pub fn of<F: System, C: Objective>(system: &F, objective: &C) -> Self {
         let (forward, backward) = (OnDemand::default(), OnDemand::default());
         let codes = Arc::new(Codes { step: record_step(system, objective), forward, backward });
         Self { codes, sizes: [system.n_state(), system.n_input(), system.n_parameter()] }
     }
 
     /// Where so many steps, with those that were asked for before, are worth it.
-    pub(crate) fn for_steps(&self, n_step: u64) -> Option<Forward> {
+    #[doc(hidden)]
+    pub fn for_steps(&self, n_step: u64) -> Option<Forward> {
         self.codes.forward(self.sizes, n_step)
     }
 }
 
 /// Machine code of a step, with its slots.
 #[derive(Debug, Clone)]
-pub(crate) struct Forward {
+#[doc(hidden)]
+pub struct Forward {
     code: Code,
     slots: Lines,
     of: Arc<Codes>,
@@ -145,13 +150,8 @@ impl Forward {
 }
 
 /// The first of two states becomes what follows it, by code of the step where there is some.
-pub(crate) fn advance<F: System>(
-    system: &F,
-    code: &mut Option<Forward>,
-    states: &mut [f64],
-    input: &[f64],
-    theta: &[f64],
-) {
+#[doc(hidden)]
+pub fn advance<F: System>(system: &F, code: &mut Option<Forward>, states: &mut [f64], input: &[f64], theta: &[f64]) {
     let n = system.n_state();
     if let Some(code) = code {
         code.step(states, input, theta);
@@ -663,7 +663,7 @@ pub(crate) fn check_lengths<F: System>(system: &F, state: &[f64], inputs: &[f64]
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dynamics::{Multirotor, Physics, vehicles};
+    use crate::example::Quadrotor;
 
     struct Distance;
     impl Objective for Distance {
@@ -675,11 +675,28 @@ mod tests {
         }
     }
 
+    /// Inputs of a quadrotor, each of two scaled by a parameter.
+    #[derive(Clone)]
+    struct Parametric(Quadrotor);
+    impl System for Parametric {
+        fn n_state(&self) -> usize {
+            self.0.n_state()
+        }
+        fn n_input(&self) -> usize {
+            self.0.n_input()
+        }
+        fn n_parameter(&self) -> usize {
+            2
+        }
+        fn step<S: Scalar>(&self, x: &[S], u: &[S], theta: &[S], next: &mut [S]) {
+            self.0.step(x, &[u[0] * theta[0], u[1] * theta[1], u[2], u[3]], &[], next);
+        }
+    }
+
     #[test]
     fn a_gradient_has_the_same_bits_however_many_states_are_kept() {
-        let system = Multirotor::new(&vehicles::by_name("hummingbird").unwrap(), Physics::default()).unwrap();
-        let system = system.with_parameters();
-        let (x, theta) = (system.hover_state([0.1, -0.2, 1.0]).unwrap(), system.parameters());
+        let system = Parametric(Quadrotor { is_loaded: false });
+        let (x, theta) = (system.0.rest(), vec![1.1, 0.9]);
         let inputs: Vec<f64> = (0..101 * 4).map(|k| -0.2 + 0.3 * (k as f64).sin()).collect();
         let rollout = Rollout::new(system, Distance).unwrap();
         let (cost, whole) = rollout.gradient(&x, &inputs, &theta);
@@ -699,7 +716,7 @@ mod tests {
         let rollout = Rollout::new(system.clone(), Distance).unwrap();
         let (mut interpreted, mut scratch) = (rollout.scratch(), rollout.scratch());
         rollout.ask_for_code(&mut scratch, u64::MAX);
-        let is_native = crate::autodiff::native::availability().is_ok();
+        let is_native = crate::native::availability().is_ok();
         assert_eq!(scratch.forward.is_some(), is_native);
         match &scratch.step {
             StepScratch::Code { code, .. } => assert_eq!((is_native, code.is_side_by_side()), (true, is_side_by_side)),
@@ -740,8 +757,8 @@ mod tests {
 
     #[test]
     fn a_gradient_has_the_same_bits_by_machine_code_eight_steps_side_by_side() {
-        let system = Multirotor::new(&vehicles::by_name("hummingbird").unwrap(), Physics::default()).unwrap();
-        let x = system.hover_state([0.0, -0.0, 1.0]).unwrap();
+        let system = Quadrotor { is_loaded: false };
+        let x = system.rest();
         has_equal_bits_by_machine_code(system, &x, true);
     }
 
@@ -779,8 +796,8 @@ mod tests {
 
     #[test]
     fn a_gradient_is_given_up_at_whichever_question_is_answered_no_and_has_its_bits_otherwise() {
-        let system = Multirotor::new(&vehicles::by_name("hummingbird").unwrap(), Physics::default()).unwrap();
-        let (x, inputs) = (system.hover_state([0.0, 0.0, 1.0]).unwrap(), vec![-0.2; 4 * 1000]);
+        let system = Quadrotor { is_loaded: false };
+        let (x, inputs) = (system.rest(), vec![-0.2; 4 * 1000]);
         let rollout = Rollout::new(system, Distance).unwrap();
         let (cost, whole) = rollout.gradient(&x, &inputs, &[]);
         let mut own = whole.clone();

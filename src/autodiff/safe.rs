@@ -8,7 +8,8 @@ use super::scalar::{Mask, Scalar};
 use super::unrolled::unrolled;
 
 /// Floor on squared norms: below ‖v‖ = 1e-9 a direction is not defined.
-pub(crate) const SQUARED_NORM_FLOOR: f64 = 1e-18;
+#[doc(hidden)]
+pub const SQUARED_NORM_FLOOR: f64 = 1e-18;
 
 /// √max(x, floor): for x below `floor > 0`, the constant √floor with derivative 0.
 #[inline(always)]

@@ -82,6 +82,7 @@ pub trait Scalar:
     /// such a step are not those of the solution.
     ///
     /// ```
+    /// # use omnidrones_autodiff::omnidrones;
     /// use omnidrones::autodiff::Scalar;
     /// use num_dual::Dual64;
     ///
@@ -107,6 +108,7 @@ pub trait Scalar:
     /// the order in which adjoints are summed, and which products are fused in lanes: fusions are decided inside.
     ///
     /// ```
+    /// # use omnidrones_autodiff::omnidrones;
     /// use omnidrones::autodiff::{Program, Recording, Scalar};
     ///
     /// fn oscillation<S: Scalar>(x: &[S]) -> Vec<S> {

@@ -19,7 +19,7 @@ use super::lanes::{Kernel, Lanes, dispatch};
 use super::program::{Action, Instruction, Op, Program, Source, Value, ValueForm, Workspace};
 use super::trace::Recording;
 use super::trace::chain::{Chain, Head, Price, Vertex};
-use crate::error::{Error, Result};
+use base::error::{Error, Result};
 use std::ops::Range;
 
 /// Most slots of values and of vertices: both numbers of an edge stand in one word.
@@ -142,7 +142,7 @@ impl Sweep {
     /// Of a recording with respect to some of its inputs; nothing where a custom function is called.
     ///
     /// # Errors
-    /// [`Error::Limit`](crate::error::Error::Limit) if the recording is too large.
+    /// [`Error::Limit`](base::error::Error::Limit) if the recording is too large.
     pub(crate) fn of(recording: &Recording, with_respect_to: Range<usize>, price: Price) -> Result<Option<Self>> {
         let n_input = with_respect_to.len();
         recording.chain(with_respect_to, price).map(|c| Self::of_chain(&c, recording.n_output(), n_input)).transpose()
@@ -496,10 +496,9 @@ impl Kernel for Columns<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::autodiff::lanes::{Set, with_set};
-    use crate::autodiff::{Scalar, System, Trace};
-    use crate::dynamics::tree::Multibody;
-    use crate::dynamics::{Multirotor, Physics, configurations, vehicles};
+    use crate::lanes::{Set, with_set};
+    use crate::{Scalar, System, Trace};
+    use crate::example::Quadrotor;
 
     const PRICES: [Price; 3] = [
         Price { product: f64::INFINITY, vertex: 0.0, few: 0 },
@@ -542,13 +541,11 @@ mod tests {
 
     #[test]
     fn a_jacobian_has_equal_bits_in_one_code_in_two_parts_and_interpreted() {
-        for name in ["hummingbird", "omav"] {
-            let system = Multirotor::new(&vehicles::by_name(name).unwrap(), Physics::default()).unwrap();
+        for is_loaded in [false, true] {
+            let system = Quadrotor { is_loaded };
             // zeros of either sign too
-            has_equal_bits_however_it_runs(&system, &system.hover_state([0.0, -0.0, 1.0]).unwrap());
+            has_equal_bits_however_it_runs(&system, &system.rest());
         }
-        let system = Multibody::new(&configurations::by_name("payload").unwrap(), Physics::default()).unwrap();
-        has_equal_bits_however_it_runs(&system, &system.rest_state());
     }
 
     /// Five states of which three are swept for, in two groups, and one is constant.
@@ -576,22 +573,21 @@ mod tests {
     #[test]
     fn rows_that_do_not_follow_each_other_come_to_their_places() {
         has_equal_bits_however_it_runs(&Scattered, &[0.3, 0.1, -0.2, 0.0, 0.5]);
-        let mut compiled = crate::autodiff::CompiledJacobian::new(&Scattered).unwrap();
+        let mut compiled = crate::CompiledJacobian::new(&Scattered).unwrap();
         let mut own = vec![f64::NAN; 35];
         compiled.evaluate(&[0.3, 0.1, -0.2, 0.0, 0.5], &[0.4, -0.1], &[], &mut own);
         let mut want = vec![f64::NAN; 35];
-        let mut scratch = crate::autodiff::JacobianScratch::new(&Scattered);
-        crate::autodiff::jacobian(&Scattered, &[0.3, 0.1, -0.2, 0.0, 0.5], &[0.4, -0.1], &[], &mut scratch, &mut want);
+        let mut scratch = crate::JacobianScratch::new(&Scattered);
+        crate::jacobian(&Scattered, &[0.3, 0.1, -0.2, 0.0, 0.5], &[0.4, -0.1], &[], &mut scratch, &mut want);
         assert!(own.iter().zip(&want).all(|(a, b)| (a - b).abs() <= 1e-12)); // measured 3e-16
     }
 
     #[test]
     fn a_sweep_has_the_same_bits_with_every_instruction_set_and_the_same_jacobian_at_every_price() {
-        let model = configurations::by_name("payload").unwrap();
-        let system = Multibody::new(&model, Physics::default()).unwrap();
+        let system = Quadrotor { is_loaded: true };
         let (n, m) = (system.n_state(), system.n_input());
         let recording = recording_of(&system);
-        let z: Vec<f64> = system.rest_state().iter().chain(&vec![0.1; m]).map(|x| x + 0.01).collect();
+        let z: Vec<f64> = system.rest().iter().chain(&vec![0.1; m]).map(|x| x + 0.01).collect();
         let mut first = Vec::new();
         let mut counts = Vec::new();
         for price in PRICES {

@@ -76,7 +76,8 @@ pub struct Trace(Place);
 
 impl Trace {
     /// Whether it is the same node. Numbers of recordings are not compared by `==`, which would be known now and not when they are.
-    pub(crate) fn is(self, other: Self) -> bool {
+    #[doc(hidden)]
+    pub fn is(self, other: Self) -> bool {
         self.0 == other.0
     }
 
@@ -92,7 +93,8 @@ impl Trace {
     }
 
     /// Its value, where it depends on no input.
-    pub(crate) fn known(self) -> Option<f64> {
+    #[doc(hidden)]
+    pub fn known(self) -> Option<f64> {
         let node = self.node();
         with_graph(|graph| graph.constant(node))
     }
@@ -308,7 +310,8 @@ fn record(graph: Graph, n_input: usize, f: impl FnOnce() -> Vec<Trace>) -> Recor
 }
 
 /// Runs `f` on constants, of which nothing is kept.
-pub(crate) fn on_constants<R>(f: impl FnOnce() -> R) -> R {
+#[doc(hidden)]
+pub fn on_constants<R>(f: impl FnOnce() -> R) -> R {
     apart(Graph::empty(), f).1
 }
 
@@ -329,7 +332,8 @@ impl Recording {
     }
 
     /// As [`Recording::of`], for blocks alone: with the bits that `f` has as a compiled kernel of lanes.
-    pub(crate) fn of_lanes(n_input: usize, f: impl FnOnce(&[Trace]) -> Vec<Trace>) -> Self {
+    #[doc(hidden)]
+    pub fn of_lanes(n_input: usize, f: impl FnOnce(&[Trace]) -> Vec<Trace>) -> Self {
         record(Graph::of_arithmetic(Arithmetic::Lanes), n_input, || f(&inputs(n_input)))
     }
 
@@ -367,7 +371,8 @@ impl Recording {
     }
 
     /// Operations, with those of functions as often as they are called.
-    pub(crate) fn n_operation(&self) -> usize {
+    #[doc(hidden)]
+    pub fn n_operation(&self) -> usize {
         let of_call = |call: &Call| match &call.callee {
             Callee::Custom(_) => 1,
             Callee::Function(function) => function.recording().n_operation(),

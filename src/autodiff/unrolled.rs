@@ -6,24 +6,26 @@
 //! only once it is unrolled, too.
 
 /// `for i in 0..N` or `1..N` for a constant N, as N copies of the body; a loop beyond the sixteenth, or the seventh from 1 on.
+#[doc(hidden)]
+#[macro_export]
 macro_rules! unrolled {
     ($i:ident in 0..2 $body:block) => {
-        $crate::autodiff::unrolled::unrolled!(@all $i $body [0 1])
+        $crate::unrolled!(@all $i $body [0 1])
     };
     ($i:ident in 0..3 $body:block) => {
-        $crate::autodiff::unrolled::unrolled!(@all $i $body [0 1 2])
+        $crate::unrolled!(@all $i $body [0 1 2])
     };
     ($i:ident in 0..4 $body:block) => {
-        $crate::autodiff::unrolled::unrolled!(@all $i $body [0 1 2 3])
+        $crate::unrolled!(@all $i $body [0 1 2 3])
     };
     ($i:ident in 0..6 $body:block) => {
-        $crate::autodiff::unrolled::unrolled!(@all $i $body [0 1 2 3 4 5])
+        $crate::unrolled!(@all $i $body [0 1 2 3 4 5])
     };
     ($i:ident in 0..$n:ident $body:block) => {
-        $crate::autodiff::unrolled::unrolled!(@below $i $n $body [0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15] 16)
+        $crate::unrolled!(@below $i $n $body [0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15] 16)
     };
     ($i:ident in 1..$n:ident $body:block) => {
-        $crate::autodiff::unrolled::unrolled!(@below $i $n $body [1 2 3 4 5 6 7] 8)
+        $crate::unrolled!(@below $i $n $body [1 2 3 4 5 6 7] 8)
     };
     (@all $i:ident $body:block [$($k:literal)*]) => {{
         $({
@@ -41,7 +43,7 @@ macro_rules! unrolled {
         }
     }};
 }
-pub(crate) use unrolled;
+pub use crate::unrolled;
 
 #[cfg(test)]
 mod tests {

@@ -4,10 +4,10 @@ use super::attitude::AttitudeCommand;
 use super::rate::RateCommand;
 use super::reference::Setpoint;
 use super::velocity::VelocityCommand;
-use crate::autodiff::Scalar;
-use crate::defaults::with_defaults;
-use crate::dynamics::spatial::{Quat, Vec3};
-use crate::error::{Error, Result};
+use autodiff::Scalar;
+use base::defaults::with_defaults;
+use base::error::{Error, Result};
+use dynamics::spatial::{Quat, Vec3};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{FRAC_PI_3, PI};
 

@@ -2,11 +2,9 @@
 
 use super::parameters::GainSet;
 use super::rate::RateCommand;
-use crate::autodiff::jet::Jet;
-use crate::autodiff::{Scalar, safe};
-use crate::dynamics::spatial::{
-    Mat3, Quat, Vec3, cross, dot, from_euler, mat_mul, mat_vec, matrix, scale, sub, transpose,
-};
+use autodiff::jet::Jet;
+use autodiff::{Scalar, safe};
+use dynamics::spatial::{Mat3, Quat, Vec3, cross, dot, from_euler, mat_mul, mat_vec, matrix, scale, sub, transpose};
 
 /// Floor under rate gains the attitude level divides by, N m s/rad.
 const GAIN_FLOOR: f64 = 1e-12;

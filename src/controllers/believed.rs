@@ -2,10 +2,10 @@
 
 use super::kinematics::Kinematics;
 use super::parameters::{BodyModel, rotor_resistances};
-use crate::autodiff::Scalar;
-use crate::dynamics::spatial::{Mat3, add, constants, cross, hadamard, mat_vec, rotate, rotate_back, scale, sub};
-use crate::dynamics::{MAX_ROTORS, Vehicle};
-use crate::error::{Error, Result};
+use autodiff::Scalar;
+use base::error::{Error, Result};
+use dynamics::spatial::{Mat3, add, constants, cross, hadamard, mat_vec, rotate, rotate_back, scale, sub};
+use dynamics::{MAX_ROTORS, Vehicle};
 use nalgebra::{Matrix3, Vector3};
 
 /// A body under its rotors, as it is believed to be.

@@ -10,12 +10,12 @@ use super::position::{add_drag, velocity_command};
 use super::rate::{RateCommand, moment};
 use super::reference::Setpoint;
 use super::velocity::{VelocityCommand, attitude_command};
-use crate::autodiff::Scalar;
-use crate::defaults::with_defaults;
-use crate::dynamics::spatial::{add, from_matrix, mat_vec, rotate_back, sub};
-use crate::dynamics::{Gains, MAX_ROTORS, Vehicle};
-use crate::error::{Error, Result};
-use crate::flight::Commanded;
+use autodiff::Scalar;
+use base::defaults::with_defaults;
+use base::error::{Error, Result};
+use dynamics::spatial::{add, from_matrix, mat_vec, rotate_back, sub};
+use dynamics::{Gains, MAX_ROTORS, Vehicle};
+use flight::Commanded;
 use serde::{Deserialize, Serialize};
 
 /// Where commands enter the cascade.

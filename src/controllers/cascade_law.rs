@@ -5,11 +5,11 @@ use super::cascade::{CascadeModel, Latched, Rates, Schedule};
 use super::integral::Missing;
 use super::law::{ControlLaw, Moment, Running};
 use super::parameters::GainSet;
-use crate::autodiff::Scalar;
-use crate::dynamics::vehicle::MAX_ROTORS;
-use crate::dynamics::{Effects, Gains, Physics, Vehicle};
-use crate::error::Result;
-use crate::flight::Commanded;
+use autodiff::Scalar;
+use base::error::Result;
+use dynamics::vehicle::MAX_ROTORS;
+use dynamics::{Effects, Gains, Physics, Vehicle};
+use flight::Commanded;
 
 /// The full cascade of a multirotor.
 ///
@@ -32,7 +32,7 @@ impl CascadeLaw {
     /// simulated: none where its effect is off.
     ///
     /// # Errors
-    /// [`Error::Value`](crate::error::Error::Value) if vehicle or gains are not valid, or a rate does not divide 1/dt.
+    /// [`Error::Value`](base::error::Error::Value) if vehicle or gains are not valid, or a rate does not divide 1/dt.
     pub fn new(believed: &Vehicle, physics: &Physics, gains: &Gains, rates: &Rates) -> Result<Self> {
         let vehicle = with_drag_of(believed, physics.effects);
         let cascade = Box::new(CascadeModel::new(&vehicle, gains)?);

@@ -1,7 +1,7 @@
 //! The shape of a chain: where its position servos go, and when.
 
-use crate::dynamics::tree::{Model, Motion};
-use crate::error::{Error, Result};
+use base::error::{Error, Result};
+use dynamics::tree::{Model, Motion};
 use std::f64::consts::FRAC_PI_2;
 
 /// Fastest turn of a target, rad/s.

@@ -5,11 +5,11 @@
 
 use super::closed_loop::ClosedLoop;
 use super::law::{ControlLaw, Running};
-use crate::autodiff::columns::Columns;
-use crate::autodiff::native::Place;
-use crate::autodiff::program::{BLOCK, InPlace, InPlaceWork};
-use crate::autodiff::{Program, Recording, Scalar, System};
-use crate::error::Result;
+use autodiff::columns::Columns;
+use autodiff::native::Place;
+use autodiff::program::{BLOCK, InPlace, InPlaceWork};
+use autodiff::{Program, Recording, Scalar, System};
+use base::error::Result;
 use std::ops::Range;
 
 /// Most programs of one loop.
@@ -29,7 +29,7 @@ impl ClockedStep {
     /// Records and compiles the step of a loop: for whatever input, and for `fixed` inputs at each of these rows that are met.
     ///
     /// # Errors
-    /// [`Error::Limit`](crate::error::Error::Limit) if a recording is too large.
+    /// [`Error::Limit`](base::error::Error::Limit) if a recording is too large.
     pub(super) fn new<L: ControlLaw>(
         system: &ClosedLoop<Running<L>>,
         fixed: Range<usize>,

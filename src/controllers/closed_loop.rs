@@ -16,10 +16,10 @@ use super::cascade::Rates;
 use super::cascade_law::CascadeLaw;
 use super::controller::{Controller, Measurement, Target};
 use super::law::{ControlLaw, Moment, Running};
-use crate::autodiff::{Scalar, System};
-use crate::dynamics::sensors::{Aboard, SensorConfig};
-use crate::dynamics::{Disturbance, Gains, Physics, Plant, Vehicle};
-use crate::error::{Error, Result};
+use autodiff::{Scalar, System};
+use base::error::{Error, Result};
+use dynamics::sensors::{Aboard, SensorConfig};
+use dynamics::{Disturbance, Gains, Physics, Plant, Vehicle};
 use std::collections::VecDeque;
 
 /// Longest latency, steps.

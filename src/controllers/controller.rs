@@ -5,10 +5,10 @@ use super::cascade::Schedule;
 use super::kinematics::Kinematics;
 use super::law::RecordedLaw;
 use super::reference::{Reference, Setpoint, Tilt};
-use crate::autodiff::System;
-use crate::dynamics::Plant;
-use crate::error::Result;
-use crate::flight::Commanded;
+use autodiff::System;
+use base::error::Result;
+use dynamics::Plant;
+use flight::Commanded;
 
 /// What a controller may see.
 #[derive(Debug, Clone, Copy)]
@@ -123,7 +123,7 @@ pub trait Controller: Send {
     /// Its form for a plant that runs on any scalar, behind one type; `None` for one that is no law.
     ///
     /// # Errors
-    /// [`Error::Limit`](crate::error::Error::Limit) where the recording is too large.
+    /// [`Error::Limit`](base::error::Error::Limit) where the recording is too large.
     fn recorded(&self, _plant: &Plant) -> Result<Option<RecordedLaw>> {
         Ok(None)
     }

@@ -2,11 +2,11 @@
 //!
 //! A rotor without a radius counts as its hub; where a model has neither shapes nor rotors, the origins of its bodies count.
 
-use crate::dynamics::contact::{self, distance};
-use crate::dynamics::relief::Relief;
-use crate::dynamics::shape::{Geometry, Pose};
-use crate::dynamics::spatial::{add, cross, dot, from_matrix, mat_vec, matrix, multiply, scale, transpose};
-use crate::dynamics::tree::{self, Multibody, body_poses};
+use dynamics::contact::{self, distance};
+use dynamics::relief::Relief;
+use dynamics::shape::{Geometry, Pose};
+use dynamics::spatial::{add, cross, dot, from_matrix, mat_vec, matrix, multiply, scale, transpose};
+use dynamics::tree::{self, Multibody, body_poses};
 use std::f64::consts::FRAC_PI_4;
 
 const UP: [f64; 3] = [0.0, 0.0, 1.0];
@@ -142,7 +142,7 @@ fn on(pose: &tree::Pose<f64>, point: [f64; 3]) -> [f64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dynamics::spatial::from_euler;
+    use dynamics::spatial::from_euler;
 
     #[test]
     fn the_distance_of_a_disc_is_that_of_its_nearest_point() {

@@ -37,12 +37,12 @@ use super::parameters::{CommandLimits, ForceLimits, GainSet};
 use super::rate::RateCommand;
 use super::reference::Setpoint;
 use super::velocity::VelocityCommand;
-use crate::dynamics::gains::SEPARATION;
-use crate::dynamics::rotor::thrust_action;
-use crate::dynamics::spatial::{Quat, Vec3, add, cross, dot, mat_mul, mat_vec, matrix, scale, sub, transpose};
-use crate::dynamics::{Gains, MAX_ROTORS, Vehicle};
-use crate::error::Result;
-use crate::flight::Commanded;
+use base::error::Result;
+use dynamics::gains::SEPARATION;
+use dynamics::rotor::thrust_action;
+use dynamics::spatial::{Quat, Vec3, add, cross, dot, mat_mul, mat_vec, matrix, scale, sub, transpose};
+use dynamics::{Gains, MAX_ROTORS, Vehicle};
+use flight::Commanded;
 
 /// Priority of each row, as a factor of its balanced weight: sideways forces, thrust, roll and pitch, yaw.
 pub(crate) const PRIORITIES: [f64; WRENCH] = [1e-4, 1e-4, 1.0, 10.0, 10.0, 1e-3];

@@ -8,18 +8,18 @@ use super::hover_axes::HoverAxes;
 use super::reference::{Reference, Setpoint, Tilt};
 use super::registry::{Setup, controller};
 use super::start::start_on;
-use crate::autodiff::safe;
-use crate::dynamics::aero::wind::{Wind, WindState};
-use crate::dynamics::batch::EXPLODED;
-use crate::dynamics::rotor::commanded_speed;
-use crate::dynamics::sensors::{Aboard, Layout, Sensor, SensorConfig};
-use crate::dynamics::spatial::{Mat3, from_matrix, to_euler};
-use crate::dynamics::tree::check_start;
-use crate::dynamics::{Disturbance, Gains, Physics, Plant, Vehicle};
-use crate::error::{Error, Result};
-use crate::flight::{self, FlightLog, Scans};
-use crate::memory::Request;
-use crate::rng::{Purpose, Stream};
+use autodiff::safe;
+use base::error::{Error, Result};
+use base::memory::Request;
+use dynamics::aero::wind::{Wind, WindState};
+use dynamics::batch::EXPLODED;
+use dynamics::rotor::commanded_speed;
+use dynamics::sensors::{Aboard, Layout, Sensor, SensorConfig};
+use dynamics::spatial::{Mat3, from_matrix, to_euler};
+use dynamics::tree::check_start;
+use dynamics::{Disturbance, Gains, Physics, Plant, Vehicle};
+use flight::{self, FlightLog, Scans};
+use rng::{Purpose, Stream};
 use serde::{Deserialize, Serialize};
 
 /// Farther from the reference than this, beyond what the reference itself jumps, a flight is lost, m.
@@ -79,7 +79,7 @@ pub struct Flight {
     pub log: FlightLog,
     /// Row-major `[sample, number]`: the plant's state, one row per entry of the log.
     pub states: Vec<f64>,
-    /// When the plant's state left |x| < 1e8 (SI units, as in a [`World`](crate::dynamics::World)) or became not a
+    /// When the plant's state left |x| < 1e8 (SI units, as in a [`World`](dynamics::World)) or became not a
     /// number, s; `None` for a whole flight.
     pub diverged_at: Option<f64>,
     /// Where to take derivatives, [beside kinks](SmoothPoint::beside_kinks); in a flight with failures or latency nowhere (its margin is negative).

@@ -10,12 +10,12 @@ use super::kinematics::Kinematics;
 use super::law::{ControlLaw, Moment, Running};
 use super::parameters::GainSet;
 use super::reference::{Reference, Setpoint};
-use crate::autodiff::Scalar;
-use crate::autodiff::jet::Jet;
-use crate::dynamics::spatial::{from_matrix, mat_vec, to_euler, transpose};
-use crate::dynamics::tree::{Multibody, body_poses, carrier};
-use crate::dynamics::{Gains, MAX_ROTORS};
-use crate::error::{Error, Result};
+use autodiff::Scalar;
+use autodiff::jet::Jet;
+use base::error::{Error, Result};
+use dynamics::spatial::{from_matrix, mat_vec, to_euler, transpose};
+use dynamics::tree::{Multibody, body_poses, carrier};
+use dynamics::{Gains, MAX_ROTORS};
 
 /// Such drones with the memory of their cascades.
 pub type FormationController = Running<FormationLaw>;

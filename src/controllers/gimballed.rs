@@ -22,14 +22,14 @@ use super::attitude::{AttitudeCommand, Orientation};
 use super::cascade::{Cascade, Rates};
 use super::kinematics::Kinematics;
 use super::parameters::BodyModel;
-use crate::autodiff::jet::Jet;
-use crate::autodiff::{Scalar, safe};
-use crate::dynamics::spatial::{
+use autodiff::jet::Jet;
+use autodiff::{Scalar, safe};
+use base::error::{Error, Result};
+use dynamics::spatial::{
     Mat3, Vec3, add, axpy, cross, dot, from_matrix, inverse, mat_mul, mat_vec, scale, sub, transpose,
 };
-use crate::dynamics::tree::{Model, Motion, Multibody, Pose, carrier};
-use crate::dynamics::{Gains, Vehicle};
-use crate::error::{Error, Result};
+use dynamics::tree::{Model, Motion, Multibody, Pose, carrier};
+use dynamics::{Gains, Vehicle};
 
 /// ω_f over the bandwidth of the drone's attitude loop.
 pub(crate) const FILTER: f64 = 5.0;

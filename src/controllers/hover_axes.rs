@@ -1,15 +1,15 @@
 //! The axes in which a vehicle hovers level: what a controller of rigid vehicles calls the body's.
 //!
-//! Where hover leans ([`Hover`]), a controller is built for the vehicle [`upright`](crate::dynamics::Vehicle::upright), and sees its
+//! Where hover leans ([`Hover`]), a controller is built for the vehicle [`upright`](dynamics::Vehicle::upright), and sees its
 //! motion in those axes: q_h = q ⊗ q*_hover, ω_h = R_hover ω. Position and velocity are those of the base origin as ever. Of a
 //! vehicle that hovers level they are the body's axes, and nothing is computed.
 
 use super::kinematics::Kinematics;
-use crate::autodiff::Scalar;
-use crate::dynamics::spatial::{Quat, Vec3, conjugate, identity, multiply, rotate, rotate_back, up_axis};
-use crate::dynamics::{Hover, Plant, Vehicle};
-use crate::error::{Error, Result};
-use crate::flight::Commanded;
+use autodiff::Scalar;
+use base::error::{Error, Result};
+use dynamics::spatial::{Quat, Vec3, conjugate, identity, multiply, rotate, rotate_back, up_axis};
+use dynamics::{Hover, Plant, Vehicle};
+use flight::Commanded;
 
 /// From body axes to those in which a vehicle hovers level.
 #[derive(Debug, Clone, Copy, PartialEq)]

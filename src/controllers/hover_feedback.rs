@@ -19,12 +19,12 @@ use super::law::{ControlLaw, Moment};
 use super::position::add_drag;
 use super::rate::{RateCommand, moment};
 use super::velocity::{VelocityCommand, attitude_command};
-use crate::autodiff::{Scalar, System, linearise, safe};
-use crate::defaults::with_defaults;
-use crate::dynamics::Plant;
-use crate::dynamics::spatial::{conjugate, from_matrix, mat_mul, mat_vec, matrix, multiply, sub, transpose};
-use crate::dynamics::vehicle::MAX_ROTORS;
-use crate::error::{Error, Result};
+use autodiff::{Scalar, System, linearise, safe};
+use base::defaults::with_defaults;
+use base::error::{Error, Result};
+use dynamics::Plant;
+use dynamics::spatial::{conjugate, from_matrix, mat_mul, mat_vec, matrix, multiply, sub, transpose};
+use dynamics::vehicle::MAX_ROTORS;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 

@@ -36,14 +36,14 @@ use super::low_pass::LowPass;
 use super::parameters::{GainSet, validate_gains};
 use super::position::add_drag;
 use super::velocity::{VelocityCommand, desired_attitude};
-use crate::autodiff::jet::Jet;
-use crate::autodiff::{Scalar, safe};
-use crate::dynamics::rotor::thrust_action;
-use crate::dynamics::spatial::{
+use autodiff::jet::Jet;
+use autodiff::{Scalar, safe};
+use base::error::Result;
+use dynamics::rotor::thrust_action;
+use dynamics::spatial::{
     Mat3, Vec3, add, cross, dot, hadamard, mat_mul, mat_vec, matrix, rotate, scale, sub, transpose,
 };
-use crate::dynamics::{Gains, MAX_ROTORS, Physics, Vehicle};
-use crate::error::Result;
+use dynamics::{Gains, MAX_ROTORS, Physics, Vehicle};
 
 /// Of the filters of moment and angular velocity, Hz.
 pub const CUTOFF: f64 = 12.0;
@@ -131,7 +131,7 @@ impl IndiLaw {
     /// For the vehicle it believes to fly.
     ///
     /// # Errors
-    /// [`Error::Value`](crate::error::Error::Value) if vehicle or gains are not valid, a rate does not divide 1/dt, or the rotors do not turn
+    /// [`Error::Value`](base::error::Error::Value) if vehicle or gains are not valid, a rate does not divide 1/dt, or the rotors do not turn
     /// thrust, roll, pitch and yaw apart.
     pub fn new(believed: &Vehicle, physics: &Physics, gains: &Gains, rates: &Rates) -> Result<Self> {
         let vehicle = super::cascade_law::with_drag_of(believed, physics.effects);
@@ -302,7 +302,7 @@ impl ControlLaw for IndiLaw {
 #[cfg(test)]
 mod tests {
     use super::{heading_error, tilt_error};
-    use crate::dynamics::spatial::{exponential, mat_mul, matrix};
+    use dynamics::spatial::{exponential, mat_mul, matrix};
 
     #[test]
     fn a_rotation_is_a_tilt_after_a_turn_about_the_thrust() {

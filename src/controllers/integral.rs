@@ -20,7 +20,7 @@
 
 use super::believed::Believed;
 use super::kinematics::Kinematics;
-use crate::autodiff::Scalar;
+use autodiff::Scalar;
 
 /// The memory of integral action.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,7 +1,7 @@
 //! What a controller sees of a vehicle.
 
-use crate::autodiff::Scalar;
-use crate::dynamics::spatial::{Quat, Vec3, identity};
+use autodiff::Scalar;
+use dynamics::spatial::{Quat, Vec3, identity};
 
 /// Pose and velocities of the base frame.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,17 +1,17 @@
 //! Straight-line controllers: written once over any scalar, run in `f64`, duals, recordings and batches.
 //!
-//! A solver inside a law is an [`Operation`](crate::autodiff::Operation), such as an
+//! A solver inside a law is an [`Operation`](autodiff::Operation), such as an
 //! [`AllocationFunction`](super::allocation::AllocationFunction): recordings then hold one call of it, with its derivative.
 
 use super::cascade::Schedule;
 use super::controller::{Controller, Measurement, Target, forward};
 use super::kinematics::Kinematics;
 use super::reference::Setpoint;
-use crate::autodiff::trace::Recording;
-use crate::autodiff::{Program, Scalar, System};
-use crate::dynamics::Plant;
-use crate::error::Result;
-use crate::flight::Commanded;
+use autodiff::trace::Recording;
+use autodiff::{Program, Scalar, System};
+use base::error::Result;
+use dynamics::Plant;
+use flight::Commanded;
 use std::sync::Arc;
 
 /// What a law gets in a tick.
@@ -56,7 +56,7 @@ pub trait ControlLaw: Send + Sync + 'static {
     fn rate(&self) -> Option<f64> {
         None
     }
-    /// Whether flights side by side run it in lanes. A law that calls an [`Operation`](crate::autodiff::Operation) is no
+    /// Whether flights side by side run it in lanes. A law that calls an [`Operation`](autodiff::Operation) is no
     /// longer batched: a recording holds one call of it, and lanes make theirs one after the other.
     fn is_batched(&self) -> bool {
         true

@@ -13,10 +13,10 @@
 use super::attitude::Orientation;
 use super::reference::{Carried, Curve};
 use super::velocity::desired_attitude;
-use crate::autodiff::jet::Jet;
-use crate::autodiff::{Scalar, safe};
-use crate::dynamics::spatial::{Vec3, from_matrix, mat_vec, transpose};
-use crate::dynamics::tree::{Model, Motion, Multibody};
+use autodiff::jet::Jet;
+use autodiff::{Scalar, safe};
+use dynamics::spatial::{Vec3, from_matrix, mat_vec, transpose};
+use dynamics::tree::{Model, Motion, Multibody};
 
 /// Masses of a drone and its load, kg.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -36,7 +36,7 @@ impl LoadFlatness {
     /// drone's origin.
     pub fn of(model: &Model) -> Option<Self> {
         let ([root, cross, load], [drone]) = (model.bodies(), model.drones()) else { return None };
-        let hinge = |joint: &crate::dynamics::tree::Joint, axis: Vec3<f64>| {
+        let hinge = |joint: &dynamics::tree::Joint, axis: Vec3<f64>| {
             let straight = joint.rotation == [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
             joint.motion == Motion::Revolute(axis) && straight && joint.position == [0.0; 3]
         };
@@ -92,13 +92,13 @@ impl LoadFlatness {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::autodiff::System as _;
-    use crate::controllers::cascade::Rates;
-    use crate::controllers::controller::{Controller as _, Measurement, Target};
-    use crate::controllers::reference::{Lemniscate, LoadPath, Reference};
-    use crate::controllers::state_feedback::{Lqr, Weights};
-    use crate::dynamics::configurations::{InvertedPendulum, Payload};
-    use crate::dynamics::{Effects, Physics};
+    use crate::cascade::Rates;
+    use crate::controller::{Controller as _, Measurement, Target};
+    use crate::reference::{Lemniscate, LoadPath, Reference};
+    use crate::state_feedback::{Lqr, Weights};
+    use autodiff::System as _;
+    use dynamics::configurations::{InvertedPendulum, Payload};
+    use dynamics::{Effects, Physics};
 
     /// Largest distance of the load's centre from its path, m, through 8 s from the flat state on.
     fn flown(model: &Model, lever: f64) -> f64 {
@@ -114,7 +114,7 @@ mod tests {
         let (mut next, mut worst) = (x.clone(), 0.0_f64);
         for k in 0..2000 {
             let time = 0.004 * k as f64;
-            let poses = crate::dynamics::tree::body_poses(&system, &x);
+            let poses = dynamics::tree::body_poses(&system, &x);
             let bar = [0, 1, 2].map(|i| -lever * poses[2].rotation[i][2]);
             let wanted = way.load(time).position;
             worst = worst.max(safe::norm([0, 1, 2].map(|i| x[i] + bar[i] - wanted[i])));

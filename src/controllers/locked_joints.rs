@@ -6,11 +6,11 @@
 use super::cascade::{Cascade, Rates, Schedule};
 use super::controller::{Controller, Measurement, Target};
 use super::kinematics::Kinematics;
-use crate::dynamics::spatial::{add, mat_vec, rotate_back, scale, sub};
-use crate::dynamics::tree::{Multibody, body_poses, center_of_mass, momentum};
-use crate::dynamics::{Drag, Gains, Inertia, Part, Rotor, Vehicle};
-use crate::error::Result;
-use crate::flight::Commanded;
+use base::error::Result;
+use dynamics::spatial::{add, mat_vec, rotate_back, scale, sub};
+use dynamics::tree::{Multibody, body_poses, center_of_mass, momentum};
+use dynamics::{Drag, Gains, Inertia, Part, Rotor, Vehicle};
+use flight::Commanded;
 use nalgebra::{Matrix3, Vector3};
 
 /// How fast a rate servo is sent back to rest, 1/s: well below the inverse of its lag.
@@ -30,7 +30,7 @@ impl LockedJoints {
     /// For a model with up to 16 rotors. Without `gains`, those derived from the rigid vehicle.
     ///
     /// # Errors
-    /// [`Error`](crate::error::Error) if the rigid vehicle is not valid or cannot be lifted, or for rates that do not
+    /// [`Error`](base::error::Error) if the rigid vehicle is not valid or cannot be lifted, or for rates that do not
     /// divide 1/dt.
     pub fn new(system: &Multibody, gains: Option<&Gains>, rates: &Rates) -> Result<Self> {
         let vehicle = rigid(system);
@@ -109,7 +109,7 @@ pub fn rigid(system: &Multibody) -> Vehicle {
             drag.linear[k] += body.drag.linear[k];
         }
     }
-    let rotor = |r: &crate::dynamics::tree::MountedRotor| Rotor {
+    let rotor = |r: &dynamics::tree::MountedRotor| Rotor {
         position: point(r.body, r.rotor.position),
         axis: local(mat_vec(poses[r.body].rotation, r.rotor.axis)),
         ..r.rotor.clone()

@@ -1,6 +1,6 @@
 //! A second-order Butterworth low-pass, for signals whose lags must agree.
 
-use crate::autodiff::Scalar;
+use autodiff::Scalar;
 use std::f64::consts::{PI, SQRT_2};
 
 /// H(s) = 1/(s² + √2 s + 1) at ω = 2π f, by the bilinear transform warped so that the cut-off is met exactly.

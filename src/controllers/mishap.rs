@@ -17,12 +17,12 @@ pub use super::extent::{lowest_point, nearest_still};
 
 use super::extent::over;
 use super::flight::Flight;
-use crate::dynamics::configurations::environment::vehicle_in;
-use crate::dynamics::scene::Scene;
-use crate::dynamics::spatial::{dot, from_euler, mat_vec, up_axis};
-use crate::dynamics::tree::{Multibody, body_poses};
-use crate::dynamics::{Effects, Physics, Plant};
-use crate::error::Result;
+use base::error::Result;
+use dynamics::configurations::environment::vehicle_in;
+use dynamics::scene::Scene;
+use dynamics::spatial::{dot, from_euler, mat_vec, up_axis};
+use dynamics::tree::{Multibody, body_poses};
+use dynamics::{Effects, Physics, Plant};
 use serde::Serialize;
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::fmt;

@@ -12,13 +12,13 @@ use super::flight::LOST;
 use super::hover_axes::HoverAxes;
 use super::law::{ControlLaw, Running};
 use super::reference::{Hover, Reference};
-use crate::autodiff::System;
-use crate::autodiff::program::BLOCK;
-use crate::dynamics::Disturbance;
-use crate::dynamics::spatial::{Quat, conjugate, multiply, up_axis};
-use crate::error::{Error, Result};
-use crate::parallel::Threads;
-use crate::rng::{Purpose, Stream};
+use autodiff::System;
+use autodiff::program::BLOCK;
+use base::error::{Error, Result};
+use base::parallel::Threads;
+use dynamics::Disturbance;
+use dynamics::spatial::{Quat, conjugate, multiply, up_axis};
+use rng::{Purpose, Stream};
 use serde::Serialize;
 
 /// One number of each flight of a block.

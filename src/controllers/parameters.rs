@@ -1,11 +1,11 @@
 //! The numbers of a controller as scalars: gains, body and limits.
 
-use crate::autodiff::Scalar;
-use crate::defaults::with_defaults;
-use crate::dynamics::spatial::{Mat3, Vec3, constants};
-use crate::dynamics::vehicle::Rotor;
-use crate::dynamics::{GRAVITY, Gains, Vehicle};
-use crate::error::{Error, Result, finite};
+use autodiff::Scalar;
+use base::defaults::with_defaults;
+use base::error::{Error, Result, finite};
+use dynamics::spatial::{Mat3, Vec3, constants};
+use dynamics::vehicle::Rotor;
+use dynamics::{GRAVITY, Gains, Vehicle};
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 

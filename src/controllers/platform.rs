@@ -39,11 +39,11 @@ use super::position::velocity_command;
 use super::reference::Setpoint;
 use super::six_axis::{SixAxis, Wrench};
 use super::velocity::VelocityCommand;
-use crate::autodiff::safe;
-use crate::dynamics::Gains;
-use crate::dynamics::spatial::{Mat3, Vec3, add, axpy, cross, dot, inverse, mat_mul, mat_vec, scale, sub, transpose};
-use crate::dynamics::tree::{Model, Multibody, Pose, body_poses, body_poses_into, center_of_mass, momentum};
-use crate::error::{Error, Result};
+use autodiff::safe;
+use base::error::{Error, Result};
+use dynamics::Gains;
+use dynamics::spatial::{Mat3, Vec3, add, axpy, cross, dot, inverse, mat_mul, mat_vec, scale, sub, transpose};
+use dynamics::tree::{Model, Multibody, Pose, body_poses, body_poses_into, center_of_mass, momentum};
 use nalgebra::DMatrix;
 
 /// Bandwidth of the drones' attitude loops over that of the frame's.

@@ -5,10 +5,8 @@ use super::kinematics::Kinematics;
 use super::parameters::{BodyModel, GainSet};
 use super::reference::Setpoint;
 use super::velocity::{VelocityCommand, desired_attitude};
-use crate::autodiff::{Scalar, safe};
-use crate::dynamics::spatial::{
-    Vec3, add, cross, from_matrix, hadamard, identity, mat_vec, rotate, rotate_back, scale, sub,
-};
+use autodiff::{Scalar, safe};
+use dynamics::spatial::{Vec3, add, cross, from_matrix, hadamard, identity, mat_vec, rotate, rotate_back, scale, sub};
 
 /// Floor under velocity gains the position level divides by, 1/s.
 const GAIN_FLOOR: f64 = 1e-9;
@@ -50,7 +48,8 @@ pub(crate) fn add_drag<S: Scalar>(
 }
 
 /// [T, M] that fly a reference without error, linear drag included.
-pub(crate) fn flat_wrench(body: &BodyModel<f64>, sample: &Setpoint<f64>) -> [f64; 4] {
+#[doc(hidden)]
+pub fn flat_wrench(body: &BodyModel<f64>, sample: &Setpoint<f64>) -> [f64; 4] {
     let mut state = Kinematics { attitude: identity(), ..Kinematics::at_rest(sample.position) };
     let mut wanted = Orientation::at_rest([[0.0; 3]; 3]);
     let mut thrust = 0.0;

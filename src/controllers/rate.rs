@@ -1,8 +1,8 @@
 //! Rate level: body rates → moments.
 
 use super::parameters::GainSet;
-use crate::autodiff::Scalar;
-use crate::dynamics::spatial::{Mat3, Vec3, add, cross, mat_vec};
+use autodiff::Scalar;
+use dynamics::spatial::{Mat3, Vec3, add, cross, mat_vec};
 
 /// What the rate level is asked for; body frame.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -14,13 +14,13 @@ use super::controller::{Controller, Target};
 use super::law::{RecordedLaw, Running};
 use super::reference::{Hover, Reference};
 use super::start::start_on;
-use crate::autodiff::System;
-use crate::autodiff::program::BLOCK;
-use crate::dynamics::spatial::{exponential, multiply, rotate, rotate_back};
-use crate::dynamics::{Disturbance, Plant};
-use crate::error::{Error, Result};
-use crate::parallel::Threads;
-use crate::rng::{Purpose, Stream};
+use autodiff::System;
+use autodiff::program::BLOCK;
+use base::error::{Error, Result};
+use base::parallel::Threads;
+use dynamics::spatial::{exponential, multiply, rotate, rotate_back};
+use dynamics::{Disturbance, Plant};
+use rng::{Purpose, Stream};
 use serde::Serialize;
 use std::f64::consts::PI;
 use std::ops::Range;
@@ -393,7 +393,7 @@ impl Watch {
 mod tests {
     use super::super::{Rates, registry};
     use super::*;
-    use crate::dynamics::{Physics, vehicles};
+    use dynamics::{Physics, vehicles};
 
     #[test]
     fn a_start_fares_the_same_in_whatever_lane_and_behind_whatever_flight() {

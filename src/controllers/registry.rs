@@ -14,9 +14,9 @@ use super::start::free;
 use super::state_feedback::{Lqr, Weights, suits};
 use super::transport::{TiltLimits, Transport, is_transport};
 use super::vectored::{Vectored, vectored};
-use crate::dynamics::tree::{Model, Multibody};
-use crate::dynamics::{Gains, Multirotor, Plant, Vehicle, gains};
-use crate::error::{Error, Result};
+use base::error::{Error, Result};
+use dynamics::tree::{Model, Multibody};
+use dynamics::{Gains, Multirotor, Plant, Vehicle, gains};
 
 /// What a controller is built with.
 #[derive(Debug, Clone, Copy)]
@@ -210,7 +210,8 @@ const STANDING: Weights = Weights { position: 0.7, swing: 4.0, acceleration: 4.0
 const SEPARATION_OF_FRAMES: f64 = 1.01 * platform::SEPARATION;
 
 /// [`Vehicle::derived_gains`] with all poles `factor` times as fast.
-pub(crate) fn swift(vehicle: &Vehicle, factor: f64) -> Gains {
+#[doc(hidden)]
+pub fn swift(vehicle: &Vehicle, factor: f64) -> Gains {
     let derived = vehicle.derived_gains();
     let [once, twice] = [factor, factor * factor];
     Gains {
@@ -295,7 +296,7 @@ pub fn steerable(model: &Model) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dynamics::{Physics, configurations, vehicles};
+    use dynamics::{Physics, configurations, vehicles};
 
     #[test]
     fn every_plant_that_can_be_flown_has_a_controller_that_says_whether_it_is_batched() {

@@ -16,8 +16,8 @@ use super::position::{add_drag, velocity_command};
 use super::rate::{RateCommand, moment};
 use super::reference::Setpoint;
 use super::velocity::{VelocityCommand, limit_force, specific_force};
-use crate::autodiff::Scalar;
-use crate::dynamics::spatial::{Vec3, add, mat_vec, rotate_back, scale};
+use autodiff::Scalar;
+use dynamics::spatial::{Vec3, add, mat_vec, rotate_back, scale};
 
 /// `[force; moment]` at the centre of mass, body axes, N and N m.
 pub type Wrench<S> = [S; 6];
@@ -84,10 +84,10 @@ impl<S: Scalar> SixAxis<S> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::controllers::cascade::tests::hummingbird;
-    use crate::controllers::parameters::CommandLimits;
-    use crate::controllers::reference::{Reference, Tilt};
-    use crate::dynamics::spatial::{from_euler, inverse, mat_mul, matrix, rotate, sub, transpose};
+    use crate::cascade::tests::hummingbird;
+    use crate::parameters::CommandLimits;
+    use crate::reference::{Reference, Tilt};
+    use dynamics::spatial::{from_euler, inverse, mat_mul, matrix, rotate, sub, transpose};
 
     fn law() -> SixAxis<f64> {
         let vehicle = hummingbird();
@@ -101,7 +101,7 @@ mod tests {
     /// On the reference, with its velocities.
     fn on(reference: &Reference, tilt: &Tilt, t: f64) -> (Kinematics<f64>, Setpoint<f64>, Orientation<f64>) {
         let (sample, wanted) = (reference.sample(t), tilt.orientation(reference, t));
-        let attitude = crate::dynamics::spatial::from_matrix(wanted.attitude);
+        let attitude = dynamics::spatial::from_matrix(wanted.attitude);
         let state = Kinematics {
             position: sample.position,
             velocity: sample.velocity,
@@ -123,7 +123,7 @@ mod tests {
             let force = rotate(state.attitude, [wrench[0], wrench[1], wrench[2]]);
             let j = law.body.inertia;
             let w = wanted.angular_velocity;
-            let euler = sub([wrench[3], wrench[4], wrench[5]], crate::dynamics::spatial::cross(w, mat_vec(j, w)));
+            let euler = sub([wrench[3], wrench[4], wrench[5]], dynamics::spatial::cross(w, mat_vec(j, w)));
             let alpha = mat_vec(inverse(j), euler);
             for i in 0..3 {
                 worst = worst.max((force[i] - f[i]).abs()).max((alpha[i] - wanted.angular_acceleration[i]).abs());

@@ -2,11 +2,11 @@
 
 use super::controller::Controller;
 use super::reference::Reference;
-use crate::dynamics::spatial::{from_euler, from_matrix, multiply, rotate};
-use crate::dynamics::tree::{Model, Motion, Multibody, body_poses};
-use crate::dynamics::{Plant, contact, shape};
-use crate::error::{Error, Result};
-use crate::rng::{Purpose, Stream};
+use base::error::{Error, Result};
+use dynamics::spatial::{from_euler, from_matrix, multiply, rotate};
+use dynamics::tree::{Model, Motion, Multibody, body_poses};
+use dynamics::{Plant, contact, shape};
+use rng::{Purpose, Stream};
 
 /// The state in which the tracked point starts on the reference, at rest, in the attitude of hover turned to the reference's yaw, with
 /// all joints at rest and rotors that carry the weight.

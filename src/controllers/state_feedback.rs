@@ -29,13 +29,13 @@ use super::linear::spectral_radius;
 use super::load_flatness::LoadFlatness;
 use super::reference::{Carried, Reference, Setpoint};
 use super::velocity::VelocityCommand;
-use crate::autodiff::{Scalar, System, linearise, safe};
-use crate::defaults::with_defaults;
-use crate::dynamics::rotor::commanded_speed;
-use crate::dynamics::spatial::{matrix, multiply, sub};
-use crate::dynamics::tree::{Model, Motion, Multibody, carrier};
-use crate::dynamics::{Gains, MAX_ROTORS, Plant};
-use crate::error::{Error, Result};
+use autodiff::{Scalar, System, linearise, safe};
+use base::defaults::with_defaults;
+use base::error::{Error, Result};
+use dynamics::rotor::commanded_speed;
+use dynamics::spatial::{matrix, multiply, sub};
+use dynamics::tree::{Model, Motion, Multibody, carrier};
+use dynamics::{Gains, MAX_ROTORS, Plant};
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 
 /// Largest drift of the hover that the design starts from, SI units per second.

@@ -41,13 +41,13 @@ use super::parameters::{BodyModel, CEILING, CommandLimits, ForceLimits, GainSet}
 use super::reference::Setpoint;
 use super::six_axis::{SixAxis, Wrench};
 use super::velocity::{VelocityCommand, limit_force};
-use crate::autodiff::jet::Jet;
-use crate::autodiff::safe;
-use crate::defaults::with_defaults;
-use crate::dynamics::Gains;
-use crate::dynamics::spatial::{Mat3, Vec3, add, axpy, cross, dot, inverse, mat_vec, rotate, scale, sub, transpose};
-use crate::dynamics::tree::{Model, Motion, Multibody, Pose, body_poses_into};
-use crate::error::{Error, Result};
+use autodiff::jet::Jet;
+use autodiff::safe;
+use base::defaults::with_defaults;
+use base::error::{Error, Result};
+use dynamics::Gains;
+use dynamics::spatial::{Mat3, Vec3, add, axpy, cross, dot, inverse, mat_vec, rotate, scale, sub, transpose};
+use dynamics::tree::{Model, Motion, Multibody, Pose, body_poses_into};
 use nalgebra::{DMatrix, DVector, vector};
 
 /// Bandwidth of the drones' attitude loops over c: k_ḃ = 10 c is then 1.25 times that bandwidth, a quarter of the filter's

@@ -22,7 +22,7 @@
 //! near those of the slow stage; what thrusts alone can barely do (yaw of level rotors by κ) waits for the tilts.
 //!
 //! **Wrench.** The force is the law's, with drag of bodies and rotors at the reference's velocity fed forward. The moment
-//! passes through the [inverse dynamics](crate::dynamics::tree::inverse_dynamics) of the tree: gyroscopic moments of
+//! passes through the [inverse dynamics](dynamics::tree::inverse_dynamics) of the tree: gyroscopic moments of
 //! rotors, drag, moving joints. The recoil of tilts that accelerate is left to feedback.
 //!
 //! **Bandwidths.** A servo of lag τ under k = 1/(2τ), with an integral of 10/k against loads, is a loop of damping 0.7; its tilts follow like a lag of 1/k. Where
@@ -49,15 +49,15 @@ use super::parameters::{BodyModel, CommandLimits, ForceLimits, GainSet, validate
 use super::position::velocity_command;
 use super::rate::RateCommand;
 use super::six_axis::{SixAxis, Wrench};
-use crate::dynamics::gains::SATURATION_ANGLE;
-use crate::dynamics::rotor::{holding_action, thrust_action};
-use crate::dynamics::spatial::{Vec3, axpy, cross, dot, inverse, mat_vec, rotate_back, scale, sub};
-use crate::dynamics::tree::{
+use base::error::{Error, Result};
+use dynamics::gains::SATURATION_ANGLE;
+use dynamics::rotor::{holding_action, thrust_action};
+use dynamics::spatial::{Vec3, axpy, cross, dot, inverse, mat_vec, rotate_back, scale, sub};
+use dynamics::tree::{
     Model, Motion, Multibody, Pose, body_poses, body_poses_into, center_of_mass, inverse_dynamics, mass_matrix,
     momentum, rest_state,
 };
-use crate::dynamics::{GRAVITY, Gains};
-use crate::error::{Error, Result};
+use dynamics::{GRAVITY, Gains};
 use nalgebra::{DMatrix, DVector};
 use std::f64::consts::{PI, TAU};
 
@@ -577,7 +577,7 @@ fn bandwidths(model: &Model, thrusters: &[Thruster]) -> [f64; 2] {
 
 /// A quarter of the slowest motor's 1/τ, rad/s.
 fn motor_bandwidth(model: &Model) -> f64 {
-    let slowest = |m: f64, r: &crate::dynamics::Rotor| m.max(r.time_constant_up).max(r.time_constant_down);
+    let slowest = |m: f64, r: &dynamics::Rotor| m.max(r.time_constant_up).max(r.time_constant_down);
     0.25 / model.rotors().iter().map(|r| &r.rotor).fold(f64::MIN_POSITIVE, slowest)
 }
 
@@ -607,7 +607,7 @@ fn axis_bandwidths(model: &Model, matrix: &DMatrix<f64>, body: &BodyModel<f64>, 
     let lift: f64 = model.rotors().iter().map(|r| r.rotor.max_thrust()).sum();
     let share = body.mass * body.gravity / lift;
     [0, 1, 2].map(|axis| {
-        let margin = |(j, r): (usize, &crate::dynamics::tree::MountedRotor)| {
+        let margin = |(j, r): (usize, &dynamics::tree::MountedRotor)| {
             matrix[(3 + axis, j)].abs() * r.rotor.max_thrust() * share.min(1.0 - share).max(0.05)
         };
         let authority: f64 = model.rotors().iter().enumerate().map(margin).sum();

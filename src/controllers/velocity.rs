@@ -4,9 +4,9 @@ use super::attitude::{AttitudeCommand, Orientation};
 use super::kinematics::Kinematics;
 use super::parameters::{BodyModel, ForceLimits, GainSet};
 use super::reference::Setpoint;
-use crate::autodiff::jet::Jet;
-use crate::autodiff::{Scalar, safe};
-use crate::dynamics::spatial::{Mat3, Vec3, cross, dot, up_axis};
+use autodiff::jet::Jet;
+use autodiff::{Scalar, safe};
+use dynamics::spatial::{Mat3, Vec3, cross, dot, up_axis};
 
 /// What the velocity level is asked for; world frame.
 #[derive(Debug, Clone, Copy, PartialEq)]

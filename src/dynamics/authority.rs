@@ -1,12 +1,13 @@
 //! What the rotors of a vehicle can do: rank, weakest direction, lost axes.
 
 use super::vehicle::Vehicle;
-use crate::error::{Error, Result};
+use base::error::{Error, Result};
 use nalgebra::{DMatrix, DVector, SVD};
 
 /// Singular values below this share of the largest count as zero. A direction is dropped rather than bought at more
 /// than a thousand times the thrust of the strongest one.
-pub(crate) const RANK_TOLERANCE: f64 = 1e-3;
+#[doc(hidden)]
+pub const RANK_TOLERANCE: f64 = 1e-3;
 /// Cosine between two axes from which on they count as tied; its square is what is lost of either. Rounding makes 1e-15.
 const TIED: f64 = 3e-5;
 /// The lateral forces join the allocation (all six rows) where the weakest of the six directions has at least this
@@ -137,7 +138,8 @@ impl Vehicle {
 }
 
 /// The decomposed rows of one choice of axes.
-pub(crate) struct Rows {
+#[doc(hidden)]
+pub struct Rows {
     pub axes: Vec<Axis>,
     pub svd: SVD<f64, nalgebra::Dyn, nalgebra::Dyn>,
     /// What each row was divided by.
@@ -216,7 +218,8 @@ pub fn characteristic_length(geometry: &DMatrix<f64>) -> f64 {
 }
 
 /// Chooses the rows to allocate: all six where the vehicle is well able to hold them, else thrust and moments.
-pub(crate) fn decompose(vehicle: &Vehicle) -> (Rows, Authority) {
+#[doc(hidden)]
+pub fn decompose(vehicle: &Vehicle) -> (Rows, Authority) {
     let geometry = vehicle.allocation_matrix();
     let length = characteristic_length(&geometry);
     let six = Rows::new(&geometry, &Axis::ALL, length);

@@ -8,8 +8,8 @@ use super::aero::downwash;
 use super::multirotor::{Multirotor, Physics};
 use super::spatial::{Vec3, add, sub};
 use super::vehicle::Vehicle;
-use crate::autodiff::{Scalar, System};
-use crate::error::{Error, Result, finite};
+use autodiff::{Scalar, System};
+use base::error::{Error, Result, finite};
 use serde::{Deserialize, Serialize};
 
 /// Most vehicles of one fleet: each feels every other.
@@ -38,6 +38,7 @@ impl Default for Downwash {
 /// carries the source's thrust in free air, along its direction, from base origin to base origin.
 ///
 /// ```
+/// # use omnidrones_dynamics::omnidrones;
 /// use omnidrones::autodiff::System;
 /// use omnidrones::dynamics::{Downwash, Fleet, Physics, vehicles};
 /// let vehicle = vehicles::by_name("hummingbird")?;

@@ -1,7 +1,7 @@
 //! Where a body is and how it moves, as tasks and controllers see it.
 
 use super::spatial::{Quat, Vec3, add, cross, rotate, up_axis};
-use crate::autodiff::{Array, Scalar, safe};
+use autodiff::{Array, Scalar, safe};
 
 /// Numbers of a frame: position, velocity, attitude, angular velocity.
 pub const FRAME: usize = 13;

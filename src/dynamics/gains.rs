@@ -18,11 +18,13 @@
 use super::vehicle::{GRAVITY, Gains, Rotor, Vehicle};
 
 /// Attitude error at which a derived gain asks for all of an axis's hover authority, rad.
-pub(crate) const SATURATION_ANGLE: f64 = 1.0;
+#[doc(hidden)]
+pub const SATURATION_ANGLE: f64 = 1.0;
 /// Damping ratio of the derived loops.
 pub const DAMPING: f64 = 1.0;
 /// Attitude bandwidth over position bandwidth.
-pub(crate) const SEPARATION: f64 = 4.0;
+#[doc(hidden)]
+pub const SEPARATION: f64 = 4.0;
 /// Rates of integral action over attitude bandwidth.
 const INTEGRAL: f64 = 0.5;
 
@@ -78,7 +80,7 @@ impl Vehicle {
 
 #[cfg(test)]
 mod tests {
-    use crate::dynamics::vehicles;
+    use crate::vehicles;
 
     #[test]
     fn published_gains_are_used_where_they_exist() {

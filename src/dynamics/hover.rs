@@ -20,7 +20,7 @@ use super::authority::characteristic_length;
 use super::rotor::LEAST_THRUST;
 use super::spatial::{Quat, from_euler, identity};
 use super::vehicle::{GRAVITY, Inertia, Vehicle};
-use crate::error::{Error, Result};
+use base::error::{Error, Result};
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{
     DefaultSettings, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus, SupportedConeT, ZeroConeT,

@@ -6,7 +6,7 @@
 use super::rigid::{Disturbance, Effects, Motion, RigidModel, RigidState, RotorPath, full, symmetric_times};
 use super::spatial::*;
 use super::vehicle::MAX_ROTORS;
-use crate::autodiff::Scalar;
+use autodiff::Scalar;
 use serde::{Deserialize, Serialize};
 
 /// How a step is integrated.

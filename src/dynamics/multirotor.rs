@@ -5,8 +5,8 @@ use super::rigid::{BODY_PARAMETERS, Disturbance, Effects, RIGID_DIM, RigidModel,
 use super::rotor::{N_ROTOR_PARAMETER, thrust_action};
 use super::spatial::{Vec3, add, axpy, constants, rotate};
 use super::vehicle::Vehicle;
-use crate::autodiff::{Scalar, System};
-use crate::error::{Error, Result, finite};
+use autodiff::{Scalar, System};
+use base::error::{Error, Result, finite};
 use serde::{Deserialize, Serialize};
 
 /// Time step, integrator and effects of a simulation.
@@ -50,7 +50,8 @@ impl Physics {
         Ok(())
     }
 
-    pub(crate) fn grid(&self) -> Grid {
+    #[doc(hidden)]
+    pub fn grid(&self) -> Grid {
         Grid { integrator: self.integrator, substep: self.dt / self.substeps as f64, substeps: self.substeps }
     }
 }

@@ -82,6 +82,7 @@ impl Vehicle {
     /// an inertia that nobody gave, rotors that do not push up. Empty for whatever resembles a vehicle that flies.
     ///
     /// ```
+    /// # use omnidrones_dynamics::omnidrones;
     /// let mut vehicle = omnidrones::dynamics::vehicles::by_name("iris")?;
     /// assert!(vehicle.oddities().is_empty());
     /// vehicle.parts.iter_mut().for_each(|part| part.mass *= 1000.0);

@@ -8,8 +8,8 @@ use super::rigid::{self, RIGID_DIM};
 use super::spatial::multiply;
 use super::tree::{self, Model, Motion, Multibody, TreePlace, carrier};
 use super::vehicle::{GRAVITY, Rotor, Vehicle};
-use crate::autodiff::{Scalar, System};
-use crate::error::{Error, Result};
+use autodiff::{Scalar, System};
+use base::error::{Error, Result};
 
 /// Speed that a lost rotor keeps, as a share of its largest: the equations of a motor need one. Its thrust is 1e-6 T_max.
 const STOPPED: f64 = 1e-3;
@@ -280,7 +280,8 @@ impl Plant {
     /// Moves rotors from a steady state by 10⁻⁷ of their speed, to where they answer with the longer of their lags: where a motor
     /// speeds up and slows down with different ones, rounding would else decide which of them a derivative there is of. No entry of A
     /// or B differs from that at the steady state by more than 3·10⁻⁷ of the largest of its row.
-    pub(crate) fn take_longer_lags(&self, state: &mut [f64]) {
+    #[doc(hidden)]
+    pub fn take_longer_lags(&self, state: &mut [f64]) {
         for (place, rotor) in self.rotor_places().iter().zip(self.rotors()) {
             let slows = rotor.time_constant_down >= rotor.time_constant_up;
             state[place.speed] *= if slows { 1.0 + 1e-7 } else { 1.0 - 1e-7 };
@@ -377,7 +378,7 @@ impl Plant {
             let rule = format!("{n}, as Plant::state_quantities lists them");
             return Err(Error::value("start: length of the state", state.len(), rule, "Take Plant::hover_state."));
         }
-        crate::error::finite("start: state", state)
+        base::error::finite("start: state", state)
     }
 }
 
@@ -469,7 +470,7 @@ pub fn damaged(vehicle: &Vehicle, effectiveness: &[f64]) -> Vehicle {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dynamics::{Effects, configurations, vehicles};
+    use crate::{Effects, configurations, vehicles};
 
     #[test]
     fn every_number_of_every_plant_has_a_name_of_its_own() {

@@ -2,8 +2,8 @@
 
 use super::shape::within;
 use super::spatial::Vec3;
-use crate::autodiff::{Scalar, safe};
-use crate::error::{Error, Result};
+use autodiff::{Scalar, safe};
+use base::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
 /// Most waves of one ground.

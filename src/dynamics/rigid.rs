@@ -24,7 +24,7 @@ pub use parameters::{parameter_domains, parameter_names, parameter_vector, vehic
 use super::rotor::{Lag, Motors, N_ROTOR_PARAMETER, RotorModel, commanded_speed};
 use super::spatial::*;
 use super::vehicle::Vehicle;
-use crate::autodiff::{Scalar, safe};
+use autodiff::{Scalar, safe};
 
 /// Position and velocity of the base origin (world), attitude (body → world), angular velocity (body), rotor speeds.
 ///
@@ -44,7 +44,8 @@ pub struct RigidState<S, const R: usize> {
 }
 
 /// Entries of a rigid state before the rotor speeds.
-pub(crate) const RIGID_DIM: usize = 13;
+#[doc(hidden)]
+pub const RIGID_DIM: usize = 13;
 
 impl<S: Scalar, const R: usize> RigidState<S, R> {
     /// From a slice of 13 + n numbers, n ≤ R; rotors beyond n stand still.

@@ -12,7 +12,7 @@
 //! Zeros are the nominal placement. A placement of another length is a mistake of the program: kernels panic.
 //!
 //! Scenes come from seeds ([`Generator`]: forests, corridors, rooms, gates, rubble, terrain) and from files
-//! ([`Scene::from_toml_file`]); [`environment`](crate::dynamics::configurations::environment()) lets them push back.
+//! ([`Scene::from_toml_file`]); [`environment`](crate::configurations::environment()) lets them push back.
 
 mod file;
 mod gate;
@@ -28,8 +28,8 @@ use super::mesh::Mesh;
 use super::relief::Relief;
 use super::shape::{Geometry, MAX_SIZE, Pose, Shape, within};
 use super::spatial::{Vec3, add, constants};
-use crate::autodiff::Scalar;
-use crate::error::{Error, Result};
+use autodiff::Scalar;
+use base::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, HashSet};
 

@@ -5,8 +5,8 @@
 
 use super::spatial::{Quat, Vec3, add, constants, matrix, multiply, rotate, rotate_back, sub};
 use super::vehicle::Inertia;
-use crate::autodiff::Scalar;
-use crate::error::{Error, Result, finite};
+use autodiff::Scalar;
+use base::error::{Error, Result, finite};
 use nalgebra::Matrix3;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
@@ -363,7 +363,7 @@ mod tests {
 
     #[test]
     fn poses_compose_and_invert() {
-        let q = crate::dynamics::spatial::from_euler(0.3, -0.4, 1.2);
+        let q = crate::spatial::from_euler(0.3, -0.4, 1.2);
         let outer = Pose { position: [1.0, 2.0, 3.0], attitude: q };
         let shape = Shape::new(SHAPES[0]).at([0.1, 0.2, 0.3]).turned([0.6, 0.0, 0.8, 0.0]);
         let pose = shape.pose(&outer);

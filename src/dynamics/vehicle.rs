@@ -7,7 +7,7 @@
 use super::domain::Domain;
 use super::rotor::ROTOR_PARAMETERS;
 use super::shape::Shape;
-use crate::error::{Error, Result, finite};
+use base::error::{Error, Result, finite};
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 

@@ -4,8 +4,8 @@
 //! nearest), then every number ([`Vehicle::validate`]). Saving and loading returns the same bits.
 
 use super::vehicle::Vehicle;
-use crate::error::{Error, Result};
-use crate::reader;
+use base::error::{Error, Result};
+use base::reader;
 use std::collections::HashSet;
 use std::path::Path;
 
@@ -16,6 +16,7 @@ impl Vehicle {
     /// Reads and checks a vehicle; `file_name` is for messages (`<text>` where there is no file).
     ///
     /// ```
+    /// # use omnidrones_dynamics::omnidrones;
     /// # use omnidrones::dynamics::{Vehicle, vehicles};
     /// let text = vehicles::by_name("iris")?.to_toml()?;
     /// let error = Vehicle::from_toml_str(&text.replace("max_speed", "max_sped"), "mine.toml").unwrap_err();
@@ -33,7 +34,7 @@ impl Vehicle {
     pub fn from_toml_file(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
         let name = path.display().to_string();
-        Self::from_toml_str(&crate::file_gate::read_text(path, MAX_FILE_BYTES)?, &name)
+        Self::from_toml_str(&base::file_gate::read_text(path, MAX_FILE_BYTES)?, &name)
     }
 
     /// As TOML text that [`from_toml_str`](Self::from_toml_str) reads back bit for bit. An invalid vehicle is refused.
@@ -95,7 +96,7 @@ pub(crate) fn in_file(error: Error, file_name: &str) -> Error {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dynamics::vehicles;
+    use crate::vehicles;
 
     fn hummingbird() -> String {
         vehicles::by_name("hummingbird").unwrap().to_toml().unwrap()

@@ -1,8 +1,8 @@
 //! A flight read back from its CSV file.
 
 use super::{Commanded, FlightLog, FlightSample};
-use crate::error::{Error, Result};
-use crate::file_gate;
+use base::error::{Error, Result};
+use base::file_gate;
 use std::collections::HashMap;
 use std::path::Path;
 

@@ -1,8 +1,8 @@
 //! What cameras and lidars read along a flight.
 
-use crate::dynamics::Quantity;
-use crate::dynamics::sensors::{Layout, Sensor, SensorConfig};
-use crate::error::Result;
+use base::error::Result;
+use dynamics::Quantity;
+use dynamics::sensors::{Layout, Sensor, SensorConfig};
 use std::path::Path;
 
 /// What a camera or lidar read along a flight: a row per reading, of thousands of numbers, where other columns of a
@@ -23,7 +23,8 @@ pub struct Scans {
 
 impl Scans {
     /// Of a sensor that has none yet; `None` of one whose numbers are few and stand in columns of the log.
-    pub(crate) fn of(config: &SensorConfig, sensor: &Sensor) -> Option<Self> {
+    #[doc(hidden)]
+    pub fn of(config: &SensorConfig, sensor: &Sensor) -> Option<Self> {
         let (layout, channels) = (config.model.layout(), sensor.channels().to_vec());
         let empty = || Self { sensor: config.name.clone(), layout, channels, time: Vec::new(), readings: Vec::new() };
         (layout != Layout::Vector).then(empty)
@@ -46,7 +47,8 @@ impl Scans {
     }
 
     /// Appends what was read at `time`.
-    pub(crate) fn push(&mut self, time: f64, reading: &[f64]) {
+    #[doc(hidden)]
+    pub fn push(&mut self, time: f64, reading: &[f64]) {
         self.time.push(time);
         self.readings.extend_from_slice(reading);
     }
@@ -70,7 +72,7 @@ impl Scans {
     /// Writes a header line with units and one line per reading, as [`FlightLog::write_csv`](super::FlightLog::write_csv) does.
     ///
     /// # Errors
-    /// [`Error::File`](crate::error::Error::File) where the file cannot be written.
+    /// [`Error::File`](base::error::Error::File) where the file cannot be written.
     pub fn write_csv(&self, path: impl AsRef<Path>) -> Result<()> {
         super::write_rows(path.as_ref(), &self.csv_header(), self.len(), |i, row| self.csv_row(i, row))
     }

@@ -1,14 +1,14 @@
 //! Generic functions at the types that other crates of this workspace need, compiled once, here: a crate that calls a generic
 //! function compiles it again, with all that it is made of.
 
-use crate::autodiff::{
+use autodiff::{
     Certificate, CompiledJacobian, Gradient, JacobianScratch, Objective, Recording, Rollout, Scalar, System, Trace,
     certify, jacobian, rollout::Scratch,
 };
-use crate::controllers::{CascadeLaw, ClosedLoop, Running};
-use crate::dynamics::tree::{self, Multibody, Pose};
-use crate::dynamics::{Multirotor, Plant};
-use crate::error::Result;
+use base::error::Result;
+use controllers::{CascadeLaw, ClosedLoop, Running};
+use dynamics::tree::{self, Multibody, Pose};
+use dynamics::{Multirotor, Plant};
 use num_dual::Dual64;
 
 /// A system whose derivatives at a point are certified.

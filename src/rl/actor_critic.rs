@@ -31,12 +31,12 @@ use super::target_network::{NetWithTarget, Stride};
 use super::value_loss::judge;
 use super::value_norm::{Unit, ValueNorm};
 use super::warm_start::WarmStart;
-use crate::error::{Error, Result};
-use crate::parallel::Threads;
-use crate::rng::{Purpose, Stream};
-use crate::tasks::{EnvConfig, Space, Spec};
+use base::error::{Error, Result};
+use base::parallel::Threads;
+use rng::{Purpose, Stream};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
+use tasks::{EnvConfig, Space, Spec};
 
 /// What an algorithm of this kind chooses for itself.
 pub trait Kind: Send + Sync {

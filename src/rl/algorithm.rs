@@ -12,14 +12,14 @@ use super::ppo::PpoConfig;
 use super::sac::SacConfig;
 use super::shac::ShacConfig;
 use super::td3::Td3Config;
-use crate::error::{Error, Result};
-use crate::layers::{self, Layer};
-use crate::tasks::EnvConfig;
+use base::error::{Error, Result};
+use base::layers::{self, Layer};
 use serde::Deserialize;
 use serde::de::{DeserializeOwned, Deserializer, IgnoredAny, MapAccess, Visitor};
 use std::fmt;
 use std::marker::PhantomData;
 use std::sync::{PoisonError, RwLock};
+use tasks::EnvConfig;
 use toml::Table;
 
 /// Reads the settings of a run: a table, and layers over it.

@@ -33,12 +33,12 @@ use super::window::{Window, check_windows, gather, windows};
 
 pub use super::window::Objective;
 
-use crate::defaults::with_defaults;
-use crate::error::{Error, Result};
-use crate::parallel::Threads;
-use crate::tasks::{Env, EnvConfig, SweepOptions};
+use base::defaults::with_defaults;
+use base::error::{Error, Result};
+use base::parallel::Threads;
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
+use tasks::{Env, EnvConfig, SweepOptions};
 
 with_defaults! {
     /// Settings; defaults fly the Hummingbird's Hover from random weights.
@@ -119,7 +119,7 @@ impl Apg {
     /// A run from random weights on a task with this configuration; its `n_env` is [`ApgConfig::n_env`].
     ///
     /// # Errors
-    /// As [`ApgConfig::validate`], [`Env::make`](crate::tasks::Env::make), [`Env::adjoint`](crate::tasks::Env::adjoint).
+    /// As [`ApgConfig::validate`], [`Env::make`](tasks::Env::make), [`Env::adjoint`](tasks::Env::adjoint).
     pub fn new(task: &str, env: &EnvConfig, config: ApgConfig, seed: u64, threads: Threads) -> Result<Self> {
         Self::with(&|config| Env::make(task, config), env, config, seed, threads)
     }
@@ -238,7 +238,7 @@ impl Learner for Apg {
 mod tests {
     use super::super::policy_optimiser::MAX_RESTARTS;
     use super::*;
-    use crate::rl::nn::Activation;
+    use crate::nn::Activation;
 
     #[test]
     fn a_run_ends_though_every_unit_is_beyond_the_limit_of_saturation() {

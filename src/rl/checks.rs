@@ -1,6 +1,6 @@
 //! What settings of several algorithms are asked for.
 
-use crate::error::{Error, Result};
+use base::error::{Error, Result};
 
 /// Refuses a count of 0, or above the most that stands beside it. The remedy says which are usual.
 ///

@@ -25,14 +25,14 @@ use super::curriculum::Curriculum;
 use super::learner::{Learner, unwritable};
 use super::predecessor::{self, SAFE};
 use super::recipes::{USUAL, recipe};
-use crate::defaults::with_defaults;
-use crate::documented::fields;
-use crate::error::{Error, Result};
-use crate::layers::{self, Layer, merge};
-use crate::parallel::Threads;
-use crate::tasks::{Env, EnvConfig, registry};
+use base::defaults::with_defaults;
+use base::documented::fields;
+use base::error::{Error, Result};
+use base::layers::{self, Layer, merge};
+use base::parallel::Threads;
 use run::Run;
 use serde::{Deserialize, Serialize, Serializer};
+use tasks::{Env, EnvConfig, registry};
 use toml::{Table, Value};
 
 with_defaults! {

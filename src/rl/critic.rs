@@ -8,9 +8,9 @@ use super::nn::{
 };
 use super::policy::ROWS;
 use super::state;
-use crate::error::Result;
-use crate::parallel::Threads;
-use crate::rng::Stream;
+use base::error::Result;
+use base::parallel::Threads;
+use rng::Stream;
 
 /// V(x), with its optimiser.
 pub struct Critic {

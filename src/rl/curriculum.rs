@@ -1,17 +1,17 @@
 //! A curriculum: how hard episodes are follows how many of them go well.
 //!
-//! Tasks and randomisation take a difficulty d between 0 and 1 ([`Env::set_difficulty`](crate::tasks::Env::set_difficulty)):
+//! Tasks and randomisation take a difficulty d between 0 and 1 ([`Env::set_difficulty`](tasks::Env::set_difficulty)):
 //! starts near the goal, wide gates, the nominal drone at 0, the task itself at 1. Over each [`Curriculum::episodes`]
 //! episodes that ended, d rises by [`Curriculum::step`] if more than [`Curriculum::raise`] of them went well, and falls by it
 //! if fewer than [`Curriculum::lower`] did; or their mean return, as a share of the largest, is what is compared
 //! ([`GoodEpisode::Return`]), where episodes last long before they are flown well. It never falls behind a line from
 //! [`Curriculum::from`] at the start to 1 at [`Curriculum::full`] of the run, so that every run ends on the task itself.
-//! [`EnvConfig::easier`](crate::tasks::EnvConfig::easier) mixes easier episodes in.
+//! [`EnvConfig::easier`](tasks::EnvConfig::easier) mixes easier episodes in.
 //! (Akkaya et al. 2019 move the ranges of randomisation by such thresholds; Rudin et al. 2022 the terrain.)
 
 use super::checkpoint::Tensors;
 use super::learner::Episodes;
-use crate::error::{Error, Result};
+use base::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
 /// What of episodes says how well they went.

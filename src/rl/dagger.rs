@@ -7,7 +7,7 @@
 //!
 //! With β = 1 throughout this is behaviour cloning; with β falling to 0 the policy learns to mend its own mistakes.
 //!
-//! The teacher is our controller of the task ([`Baseline`](crate::tasks::Baseline)), which sees the true state and masses, or the policy of another run
+//! The teacher is our controller of the task ([`Baseline`](tasks::Baseline)), which sees the true state and masses, or the policy of another run
 //! ([`DaggerConfig::teacher`]), which may see what the student does not: noise-free or privileged observations, where the
 //! student has a history. It then flies in a twin of every environment, which takes the same actions and shows what the
 //! teacher was trained to see (Chen et al. 2020; Lee et al. 2020).
@@ -33,14 +33,14 @@ use super::shards::{Shard, begin_statistics, episodes, normalise, set_difficulty
 use super::state;
 use super::warm_start::WarmStart;
 use super::window::mask_nonfinite;
-use crate::defaults::with_defaults;
-use crate::error::{Error, Result};
-use crate::parallel::Threads;
-use crate::rng::{Purpose, Stream};
-use crate::tasks::{EnvConfig, Spec};
+use base::defaults::with_defaults;
+use base::error::{Error, Result};
+use base::parallel::Threads;
 use learnt::Learnt;
+use rng::{Purpose, Stream};
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
+use tasks::{EnvConfig, Spec};
 use teacher::Teacher;
 
 /// What of a teacher is imitated.
@@ -254,7 +254,7 @@ impl Dagger {
     /// A run from random weights; `make` builds each shard's environments from its configuration.
     ///
     /// # Errors
-    /// As [`DaggerConfig::validate`], [`Baseline::new`](crate::tasks::Baseline::new) and `make`; as
+    /// As [`DaggerConfig::validate`], [`Baseline::new`](tasks::Baseline::new) and `make`; as
     /// [`load_policy`](super::load_policy) and [`Policy::fits`] for a teacher that is
     /// a run's; [`Error::Limit`] for rows beyond [`EnvConfig::memory_limit`].
     pub fn with(make: &Make<'_>, env: &EnvConfig, config: DaggerConfig, seed: u64, threads: Threads) -> Result<Self> {

@@ -28,13 +28,13 @@ use super::target_network::{NetWithTarget, Stride};
 use super::value_loss::{Huber, judge};
 use super::value_norm::{Unit, ValueNorm};
 use super::warm_start::WarmStart;
-use crate::error::{Error, Result};
-use crate::parallel::Threads;
-use crate::rng::{Purpose, Stream};
-use crate::tasks::{EnvConfig, Space, Spec};
+use base::error::{Error, Result};
+use base::parallel::Threads;
 use mixing::Mixing;
+use rng::{Purpose, Stream};
 use std::sync::Arc;
 use std::time::Instant;
+use tasks::{EnvConfig, Space, Spec};
 
 /// How a network's outputs make values: `branches` numbers of an action with `levels` values each.
 #[derive(Debug, Clone, Copy)]

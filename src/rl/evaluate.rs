@@ -1,9 +1,9 @@
 //! How well a policy flies from starts that training never sees.
 
 use super::policy::Policy;
-use crate::error::Result;
-use crate::parallel::Threads;
-use crate::tasks::{self, Autoreset, Env, EnvConfig, Evaluation, Watched};
+use base::error::Result;
+use base::parallel::Threads;
+use tasks::{self, Autoreset, Env, EnvConfig, Evaluation, Watched};
 
 /// Which episodes are flown: the first ones of `n_env` environments of this seed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -59,7 +59,7 @@ mod tests {
     use super::super::nn::Layers;
     use super::super::policy::Actor;
     use super::*;
-    use crate::tasks::{Stage, Statistics};
+    use tasks::{Stage, Statistics};
 
     const STARTS: Starts = Starts { n_env: 70, seed: 5 };
 

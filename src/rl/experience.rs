@@ -11,11 +11,11 @@ use super::priorities::{MOST, Priorities};
 use super::replay::{Code, ReplayConfig, Ring, Widths};
 use super::shards::{Shard, begin_statistics, episodes, pending, set_difficulty};
 use super::state;
-use crate::error::{Error, Result};
-use crate::parallel::Threads;
-use crate::rng::{Purpose, Stream};
-use crate::tasks::env::{Pending, VARIANCE_FLOOR};
-use crate::tasks::{Env, EnvConfig, Space, Spec, Stage, Statistics};
+use base::error::{Error, Result};
+use base::parallel::Threads;
+use rng::{Purpose, Stream};
+use tasks::env::{Pending, VARIANCE_FLOOR};
+use tasks::{Env, EnvConfig, Space, Spec, Stage, Statistics};
 
 /// How actions are chosen while experience is gathered.
 pub trait Explore: Sync {

@@ -11,7 +11,7 @@
 //! targets are the λ-returns of TD(λ) (Sutton and Barto 2018, section 12.1), for critics that are trained without an
 //! actor too.
 
-use crate::error::{Error, Result, finite};
+use base::error::{Error, Result, finite};
 
 /// What a batch of environments did, row-major: T steps of E environments of A agents, which share the flags of theirs.
 #[derive(Debug, Clone, Copy)]
@@ -97,7 +97,7 @@ pub fn advantages(steps: &Steps<'_>, gamma: f64, lambda: f64, advantage: &mut [f
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::{Purpose, Stream};
+    use rng::{Purpose, Stream};
 
     const T: usize = 40;
     const E: usize = 7;

@@ -4,8 +4,8 @@
 //! seen so far behind it.
 
 use super::checkpoint::Tensors;
-use crate::error::Result;
-use crate::tasks::Statistics;
+use base::error::Result;
+use tasks::Statistics;
 
 /// What is far out counts no further, in standard deviations.
 const CLIP: f32 = 10.0;
@@ -84,7 +84,7 @@ impl InputScale {
     /// Goes on as saved.
     ///
     /// # Errors
-    /// [`Error`](crate::error::Error) naming the tensor that is missing or has another shape.
+    /// [`Error`](base::error::Error) naming the tensor that is missing or has another shape.
     pub fn load(&mut self, from: &Tensors) -> Result<()> {
         let n = self.known.mean.len();
         let numbers = |name: &str, n: usize| Ok(from.get::<f64>(name, &[n])?.to_vec());

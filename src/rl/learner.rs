@@ -3,13 +3,13 @@
 use super::checkpoint::Tensors;
 use super::policy::{Actor, Policy};
 use super::warm_start::WarmStart;
-use crate::error::{Error, Result};
-use crate::parallel::Threads;
-use crate::tasks::{Env, EnvConfig, Spec};
+use base::error::{Error, Result};
+use base::parallel::Threads;
 use serde::Serialize;
 use std::any::Any;
 use std::fmt::Debug;
 use std::time::Duration;
+use tasks::{Env, EnvConfig, Spec};
 use toml::Table;
 
 /// Makes environments of a configuration: of a built-in task `|config| Env::make("Hover", config)`, or of one's own
@@ -80,12 +80,12 @@ macro_rules! built_in {
     ($name:literal: $config:ident => $learner:ident, squashed: $squashed:literal, loss: $loss:literal, in: $file:literal
      $(, actor: $actor:path)?;
      $($more:tt)*) => {
-        impl $crate::rl::learner::Algorithm for $config {
+        impl $crate::learner::Algorithm for $config {
             fn name(&self) -> &'static str {
                 $name
             }
 
-            fn validate(&self) -> $crate::error::Result<()> {
+            fn validate(&self) -> base::error::Result<()> {
                 $config::validate(self)
             }
 
@@ -97,17 +97,17 @@ macro_rules! built_in {
                 self.updates = updates;
             }
 
-            fn actor(&self, spec: &$crate::tasks::Spec) -> $crate::error::Result<$crate::rl::policy::Actor> {
-                $crate::rl::learner::built_in!(@actor self, spec, $squashed $(, $actor)?)
+            fn actor(&self, spec: &tasks::Spec) -> base::error::Result<$crate::policy::Actor> {
+                $crate::learner::built_in!(@actor self, spec, $squashed $(, $actor)?)
             }
 
             fn learner(
                 &self,
-                make: &$crate::rl::learner::Make<'_>,
-                env: &$crate::tasks::EnvConfig,
+                make: &$crate::learner::Make<'_>,
+                env: &tasks::EnvConfig,
                 seed: u64,
-                threads: $crate::parallel::Threads,
-            ) -> $crate::error::Result<Box<dyn $crate::rl::Learner>> {
+                threads: base::parallel::Threads,
+            ) -> base::error::Result<Box<dyn $crate::Learner>> {
                 Ok(Box::new($learner::with(make, env, self.clone(), seed, threads)?))
             }
 
@@ -123,7 +123,7 @@ macro_rules! built_in {
         }
     };
     (@actor $own:ident, $spec:ident, $squashed:literal) => {
-        $crate::rl::policy::Actor::new($spec, &$own.network, $squashed)
+        $crate::policy::Actor::new($spec, &$own.network, $squashed)
     };
     (@actor $own:ident, $spec:ident, $squashed:literal, $actor:path) => {
         $actor($own, $spec)
@@ -201,7 +201,7 @@ pub trait Learner: Send + Sync {
         self.progress().env_steps
     }
 
-    /// Episodes that begin from now on have this difficulty ([`Env::set_difficulty`](crate::tasks::Env::set_difficulty)).
+    /// Episodes that begin from now on have this difficulty ([`Env::set_difficulty`](tasks::Env::set_difficulty)).
     ///
     /// # Errors
     /// [`Error::Value`] outside [0, 1], and unless the algorithm takes part in curricula.
@@ -234,7 +234,7 @@ pub trait Learner: Send + Sync {
     /// The policy as it is.
     ///
     /// # Errors
-    /// [`Error::Value`](crate::error::Error::Value) if its numbers are not finite.
+    /// [`Error::Value`](base::error::Error::Value) if its numbers are not finite.
     fn policy(&self) -> Result<Policy>;
 
     /// Puts what is needed to fly into `policy`, and what is needed to go on with the same bits into `state`.
@@ -246,7 +246,7 @@ pub trait Learner: Send + Sync {
     /// Continues from what [`Learner::save`] put there.
     ///
     /// # Errors
-    /// [`Error`](crate::error::Error) naming the tensor that is missing or has another shape.
+    /// [`Error`](base::error::Error) naming the tensor that is missing or has another shape.
     fn load(&mut self, policy: &Tensors, state: &Tensors) -> Result<()>;
 }
 

@@ -9,8 +9,8 @@
 //! and flushed; a run that goes on from a checkpoint first cuts both files back to it.
 
 use super::tensorboard::Events;
-use crate::error::{Error, Result};
-use crate::file_gate;
+use base::error::{Error, Result};
+use base::file_gate;
 use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};

@@ -7,8 +7,8 @@ use super::nn::elementwise::add;
 use super::nn::{Memory, Network, Output, Pass, Scratch, Weights};
 use super::policy::ROWS;
 use super::shards::within_memory;
-use crate::error::Result;
-use crate::parallel::Threads;
+use base::error::Result;
+use base::parallel::Threads;
 
 /// Rows of a part.
 const PART: usize = 4 * ROWS;
@@ -69,7 +69,7 @@ impl Minibatch {
     /// For up to `rows` rows.
     ///
     /// # Errors
-    /// [`Error::Limit`](crate::error::Error::Limit) for more than `limit` bytes: every part has a gradient of its own.
+    /// [`Error::Limit`](base::error::Error::Limit) for more than `limit` bytes: every part has a gradient of its own.
     pub fn new(mlp: &dyn Network, n_extra: usize, rows: usize, limit: u64) -> Result<Self> {
         let n = mlp.n_parameter() + n_extra;
         let of_part = n + ROWS * (mlp.n_input() + mlp.n_output() + 2 * mlp.n_activation());

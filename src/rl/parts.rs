@@ -8,7 +8,7 @@
 //! | [`Critic`], [`Fit`] | a value function and a step of it |
 //! | [`Minibatch`], [`minibatch`], [`shuffle`] | the gradient of a loss over some rows; which rows |
 //! | [`Sequences`], [`sequences()`], [`Recall`] | the same through time; what a policy with memory remembers |
-//! | [`windows`], [`Window`], [`gather`] | steps under a deterministic policy and the exact gradient of their cost, by the sweeps of [`Env`](crate::tasks::Env) |
+//! | [`windows`], [`Window`], [`gather`] | steps under a deterministic policy and the exact gradient of their cost, by the sweeps of [`Env`](tasks::Env) |
 //! | [`PolicyOptimiser`] | an actor that goes down such gradients |
 //! | [`state`](super::state) | all of it into checkpoints and back |
 

@@ -13,10 +13,10 @@ use super::checks::{check_counts, check_positive};
 use super::nn::{Adam, AdamConfig};
 use super::shards::within_memory;
 use super::window::Objective;
-use crate::defaults::with_defaults;
-use crate::error::{Error, Result};
-use crate::tasks::{Autoreset, Baseline, Buffers, Column, Cotangents, Env, Seeds, Sweep, SweepOptions, Tape};
+use base::defaults::with_defaults;
+use base::error::{Error, Result};
 use serde::{Deserialize, Serialize};
+use tasks::{Autoreset, Baseline, Buffers, Column, Cotangents, Env, Seeds, Sweep, SweepOptions, Tape};
 
 /// How often the last step of a flight that is lost costs, beyond all steps of a plan.
 const LOST: f32 = 1000.0;
@@ -88,7 +88,7 @@ impl Planner {
     ///
     /// # Errors
     /// As [`PlannerConfig::validate`], [`Env::tape`] and [`Env::adjoint`]; [`Error::Limit`] for plans beyond
-    /// [`EnvConfig::memory_limit`](crate::tasks::EnvConfig::memory_limit); [`Error::Value`] for environments that restart by
+    /// [`EnvConfig::memory_limit`](tasks::EnvConfig::memory_limit); [`Error::Value`] for environments that restart by
     /// themselves or do not tell losses and reasons.
     pub fn new(twin: Env, config: PlannerConfig) -> Result<Self> {
         config.validate()?;
@@ -268,7 +268,7 @@ fn numbers_of_a_step(env: &Env) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tasks::{Autoreset, EnvConfig, evaluate};
+    use tasks::{Autoreset, EnvConfig, evaluate};
 
     fn fresh(task: &str, n_env: usize) -> Env {
         let config = EnvConfig { n_env, seed: 3, autoreset: Autoreset::Disabled, ..EnvConfig::default() };

@@ -3,10 +3,10 @@
 use super::nn::head::Head;
 use super::nn::{Activation, Encoded, Encoder, Layers, Memory, Mlp, Network, Recurrence, Stack};
 use super::recall::Recall;
-use crate::error::{Error, Result};
-use crate::parallel::Threads;
-use crate::tasks::{Env, GroupKind, Space, Spec, Statistics};
+use base::error::{Error, Result};
+use base::parallel::Threads;
 use std::sync::Arc;
+use tasks::{Env, GroupKind, Space, Spec, Statistics};
 
 /// What a learner says that has one policy for all agents.
 const UNLIKE: &str = "Train by happo, by matd3 with td3.separate_actors = true, by vdn or qmix with dqn.separate_values = true, or by apg or shac.";

@@ -6,12 +6,12 @@
 use super::evaluate::{Starts, eval_env};
 use super::policy::Policy;
 use super::policy_io::SavedPolicy;
-use crate::controllers::cascade::Level;
-use crate::controllers::{Controller, Measurement, Reference, Target};
-use crate::dynamics::Plant;
-use crate::error::{Error, Result};
-use crate::parallel::Threads;
-use crate::tasks::{Buffers, Env, EnvConfig, Stage};
+use base::error::{Error, Result};
+use base::parallel::Threads;
+use controllers::cascade::Level;
+use controllers::{Controller, Measurement, Reference, Target};
+use dynamics::Plant;
+use tasks::{Buffers, Env, EnvConfig, Stage};
 
 /// A policy that was trained to hold a point, in command of a plant.
 pub struct PolicyController {
@@ -141,10 +141,10 @@ mod tests {
     use super::super::nn::Layers;
     use super::super::policy::Actor;
     use super::*;
-    use crate::controllers::{FlightPlan, fly};
-    use crate::dynamics::{Physics, vehicles};
+    use controllers::{FlightPlan, fly};
+    use dynamics::{Physics, vehicles};
 
-    fn flown(vehicle: &str) -> Result<crate::controllers::Flight> {
+    fn flown(vehicle: &str) -> Result<controllers::Flight> {
         let env = EnvConfig { n_env: 1, ..EnvConfig::default() };
         let spec = Env::make("Hover", &env)?.spec().clone();
         let actor = Actor::new(&spec, &Layers { hidden: vec![8], ..Layers::default() }, true)?;

@@ -5,9 +5,9 @@ use super::config::TrainConfig;
 use super::config_diff::{config_diff, described};
 use super::policy::Policy;
 use super::state;
-use crate::error::{Error, Result};
-use crate::tasks::{Env, EnvConfig, Spec, Stage, Statistics};
+use base::error::{Error, Result};
 use std::path::{Path, PathBuf};
+use tasks::{Env, EnvConfig, Spec, Stage, Statistics};
 
 /// A policy and where it comes from.
 #[derive(Debug)]

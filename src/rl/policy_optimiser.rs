@@ -9,9 +9,9 @@ use super::nn::{Adam, AdamConfig, Transposed, Weights, clip_norm};
 use super::policy::{Actor, Policy};
 use super::state;
 use super::warm_start::WarmStart;
-use crate::error::{Error, Result};
-use crate::rng::{Purpose, Stream};
-use crate::tasks::Env;
+use base::error::{Error, Result};
+use rng::{Purpose, Stream};
+use tasks::Env;
 
 /// Most times that a run begins again: where it saturates at a sixty-fourth of the rate, the rate is not the cause.
 pub(crate) const MAX_RESTARTS: u64 = 6;

@@ -47,11 +47,11 @@ use super::shards::{begin_statistics, normalise, set_difficulty, shards_if};
 use super::state;
 use super::value_norm::ValueNorm;
 use super::warm_start::WarmStart;
-use crate::error::Result;
-use crate::parallel::Threads;
-use crate::rng::{Purpose, Stream};
-use crate::tasks::{Env, EnvConfig, Spec};
+use base::error::Result;
+use base::parallel::Threads;
+use rng::{Purpose, Stream};
 use std::time::{Duration, Instant};
+use tasks::{Env, EnvConfig, Spec};
 
 built_in! {
     "ppo": PpoConfig => Ppo, squashed: false, loss: "−(clipped surrogate + entropy bonus)", in: "ppo/config.rs", actor: PpoConfig::actor;
@@ -231,7 +231,7 @@ impl Ppo {
     /// A run from random weights on a task with this configuration; its `n_env` is [`PpoConfig::n_env`].
     ///
     /// # Errors
-    /// As [`PpoConfig::validate`] and [`Env::make`]; [`Error::Limit`](crate::error::Error::Limit) for rollouts beyond [`EnvConfig::memory_limit`].
+    /// As [`PpoConfig::validate`] and [`Env::make`]; [`Error::Limit`](base::error::Error::Limit) for rollouts beyond [`EnvConfig::memory_limit`].
     pub fn new(task: &str, env: &EnvConfig, config: PpoConfig, seed: u64, threads: Threads) -> Result<Self> {
         Self::with(&|own| Env::make(task, own), env, config, seed, threads)
     }

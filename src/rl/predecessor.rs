@@ -6,10 +6,10 @@ use super::learner::unwritable;
 use super::policy::{Actor, Policy};
 use super::recipes::{USUAL, recipes_of};
 use super::warm_start::WarmStart;
-use crate::error::{Error, Result};
-use crate::layers::{self, Layer, merge};
-use crate::tasks::{Env, EnvConfig, Spec, registry};
+use base::error::{Error, Result};
+use base::layers::{self, Layer, merge};
 use std::path::Path;
+use tasks::{Env, EnvConfig, Spec, registry};
 use toml::{Table, Value};
 
 /// What [`TrainConfig::from`] says for random weights whose mean action is the safe command.

@@ -1,6 +1,6 @@
 //! Which rows are drawn how often: a tree of sums over their priorities (Schaul et al. 2016, appendix B.2.1).
 
-use crate::error::{Error, Result};
+use base::error::{Error, Result};
 
 /// Most that a row's priority is.
 pub const MOST: f64 = 1e6;
@@ -103,7 +103,7 @@ impl Priorities {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::{Purpose, Stream};
+    use rng::{Purpose, Stream};
 
     #[test]
     fn rows_are_drawn_as_often_as_their_priority_says() {

@@ -17,11 +17,11 @@ use super::checks::{check_counts, check_positive};
 use super::nn::{Adam, AdamConfig, Memory, Pass, Scratch, Transposed, Weights};
 use super::policy::{Policy, ROWS};
 use super::shards::within_memory;
-use crate::defaults::with_defaults;
-use crate::error::{Error, Result};
-use crate::parallel::Threads;
-use crate::tasks::{Autoreset, Buffers, Column, Cotangents, Env, Seeds, Sweep, SweepOptions, Tape};
+use base::defaults::with_defaults;
+use base::error::{Error, Result};
+use base::parallel::Threads;
 use serde::{Deserialize, Serialize};
+use tasks::{Autoreset, Buffers, Column, Cotangents, Env, Seeds, Sweep, SweepOptions, Tape};
 
 with_defaults! {
     /// Settings; the defaults suit every task of the registry.
@@ -90,7 +90,7 @@ impl Refined {
 /// # Errors
 /// As [`RefineConfig::validate`], [`Policy::fits`], [`Env::adjoint`] and [`Env::tape`]; [`Error::Value`] for a policy with a
 /// memory or of a network for each agent and for environments that restart by themselves or do not tell successes; [`Error::Limit`] for episodes beyond
-/// [`EnvConfig::memory_limit`](crate::tasks::EnvConfig::memory_limit).
+/// [`EnvConfig::memory_limit`](tasks::EnvConfig::memory_limit).
 pub fn refine(
     policy: &Policy,
     env: &mut Env,
@@ -299,8 +299,8 @@ mod tests {
     use super::super::nn::Layers;
     use super::super::policy::Actor;
     use super::*;
-    use crate::rng::{Purpose, Stream};
-    use crate::tasks::{EnvConfig, evaluate};
+    use rng::{Purpose, Stream};
+    use tasks::{EnvConfig, evaluate};
 
     const N_ENV: usize = 3;
 

@@ -10,12 +10,12 @@ mod seen;
 use super::checkpoint::Tensors;
 use super::schedule::Schedule;
 use super::shards::within_memory;
-use crate::defaults::with_defaults;
-use crate::error::{Error, Result};
-use crate::tasks::{Buffers, Spec};
+use base::defaults::with_defaults;
+use base::error::{Error, Result};
 pub use seen::{Code, Precision, Seen};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
+use tasks::{Buffers, Spec};
 
 with_defaults! {
     /// Settings of the steps that are kept.

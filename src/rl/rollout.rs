@@ -18,10 +18,10 @@ use super::policy::{Actor, ROWS};
 use super::recall::Recall;
 use super::shards::{Shard, episodes, within_memory};
 use super::value_norm::ValueNorm;
-use crate::error::{Error, Result};
-use crate::rng::{NORMAL_WORDS, Purpose, Stream, normals};
-use crate::tasks::{Spec, StepOut};
+use base::error::{Error, Result};
+use rng::{NORMAL_WORDS, Purpose, Stream, normals};
 use std::time::{Duration, Instant};
+use tasks::{Spec, StepOut};
 
 /// Widths of all rows.
 #[derive(Debug, Clone, Copy)]
@@ -395,7 +395,7 @@ impl Collector {
     /// Flies T steps on from where the last rollout stopped, exploring, and values what was seen.
     ///
     /// # Errors
-    /// As [`Env::step`](crate::tasks::Env::step).
+    /// As [`Env::step`](tasks::Env::step).
     pub fn collect(&mut self, part: &mut Part<'_>, how: How<'_>) -> Result<()> {
         let s = part.shape;
         let n_env = part.n_env;

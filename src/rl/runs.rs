@@ -6,16 +6,16 @@
 use super::config::TrainConfig;
 use super::predecessor::predecessor_config;
 use super::trainer::{Progress, TrainResult, Trainer};
-use crate::error::Result;
-use crate::file_gate;
-use crate::parallel::Threads;
-use crate::tasks::{Buffers, Env, EnvConfig};
+use base::error::Result;
+use base::file_gate;
+use base::parallel::Threads;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
+use tasks::{Buffers, Env, EnvConfig};
 
 /// A run to be made, or to go on with.
 #[derive(Debug, Clone)]

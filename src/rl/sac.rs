@@ -5,8 +5,8 @@
 
 use super::actor_critic::{ActorCritic, ActorCriticConfig, Exploration, Kind, Noise};
 use super::nn::tanh_gaussian::{draw, pull};
-use crate::defaults::with_defaults;
-use crate::error::{Error, Result};
+use base::defaults::with_defaults;
+use base::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
 /// Settings.

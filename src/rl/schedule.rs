@@ -7,7 +7,7 @@
 //! learning_rate = { kind = "cosine", from = 0.01, to = 1e-4, warm_up = 0.02 }
 //! ```
 
-use crate::error::{Error, Result, finite};
+use base::error::{Error, Result, finite};
 use serde::de::value::MapAccessDeserializer;
 use serde::de::{MapAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};

@@ -12,10 +12,10 @@
 use super::config::TrainConfig;
 use super::runs::{self, Run};
 use super::trainer::{Progress, TrainResult, is_run};
-use crate::error::{Error, Result};
-use crate::file_gate;
-use crate::parallel::Threads;
-use crate::reader;
+use base::error::{Error, Result};
+use base::file_gate;
+use base::parallel::Threads;
+use base::reader;
 use serde::{Deserialize, Serialize};
 use std::cmp::Ordering;
 use std::collections::BTreeMap;

@@ -11,8 +11,8 @@ use super::nn::{Memory, Network, Output, Pass, Scratch, Weights};
 use super::policy::ROWS;
 use super::rollout::{Rollout, Shape};
 use super::shards::within_memory;
-use crate::error::Result;
-use crate::parallel::Threads;
+use base::error::Result;
+use base::parallel::Threads;
 
 /// Rows of a rollout that follow each other in time: of one agent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -88,7 +88,7 @@ impl Sequences {
     /// For up to `n` sequences of `window` steps, outputs of which the first `n_head` are the head's.
     ///
     /// # Errors
-    /// [`Error::Limit`](crate::error::Error::Limit) for more than `limit` bytes: every part keeps all steps.
+    /// [`Error::Limit`](base::error::Error::Limit) for more than `limit` bytes: every part keeps all steps.
     pub fn new(
         mlp: &dyn Network,
         n_head: usize,
@@ -239,8 +239,8 @@ impl Part {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rl::nn::{Activation, Join, Layers, Mlp, Stack, Transposed};
-    use crate::rng::{Purpose, Stream};
+    use crate::nn::{Activation, Join, Layers, Mlp, Stack, Transposed};
+    use rng::{Purpose, Stream};
 
     const SHAPE: Shape = Shape {
         steps: 7,

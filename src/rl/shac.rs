@@ -32,13 +32,13 @@ use super::shards::{begin_statistics, normalise, set_difficulty, shards_if};
 use super::state;
 use super::warm_start::WarmStart;
 use super::window::{Objective, Window, check_windows, gather, windows};
-use crate::defaults::with_defaults;
-use crate::error::{Error, Result};
-use crate::parallel::Threads;
-use crate::rng::{Purpose, Stream};
-use crate::tasks::{Env, EnvConfig, Spec, SweepOptions};
+use base::defaults::with_defaults;
+use base::error::{Error, Result};
+use base::parallel::Threads;
+use rng::{Purpose, Stream};
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
+use tasks::{Env, EnvConfig, Spec, SweepOptions};
 
 with_defaults! {
     /// Settings.
@@ -196,7 +196,7 @@ impl Shac {
     /// A run from random weights on a task with this configuration; its `n_env` is [`ShacConfig::n_env`].
     ///
     /// # Errors
-    /// As [`ShacConfig::validate`], [`Env::make`](crate::tasks::Env::make), [`Env::adjoint`](crate::tasks::Env::adjoint).
+    /// As [`ShacConfig::validate`], [`Env::make`](tasks::Env::make), [`Env::adjoint`](tasks::Env::adjoint).
     pub fn new(task: &str, env: &EnvConfig, config: ShacConfig, seed: u64, threads: Threads) -> Result<Self> {
         Self::with(&|config| Env::make(task, config), env, config, seed, threads)
     }

@@ -5,12 +5,12 @@
 //! folded in order, so that results are the same bits for any number of threads.
 
 use super::learner::{Episodes, Make};
-use crate::error::{Error, Result};
-use crate::memory::Request;
-use crate::parallel::Threads;
-use crate::tasks::env::Pending;
-use crate::tasks::{Autoreset, Buffers, Column, Env, EnvConfig, Spec, Stage, Statistics};
+use base::error::{Error, Result};
+use base::memory::Request;
+use base::parallel::Threads;
 use std::fmt::Display;
+use tasks::env::Pending;
+use tasks::{Autoreset, Buffers, Column, Env, EnvConfig, Spec, Stage, Statistics};
 
 /// Most shards of a batch: each has tensors of its own in a checkpoint.
 const MAX_SHARDS: usize = 2048;

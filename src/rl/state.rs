@@ -6,7 +6,7 @@ use super::policy::Actor;
 use super::recall::Recall;
 use super::shards::Shard;
 use super::value_norm::ValueNorm;
-use crate::error::{Error, Result};
+use base::error::{Error, Result};
 
 /// Most that a counter of a run can have come to: whole numbers that `f64` still counts.
 const MOST: u64 = 1 << 53;
@@ -207,7 +207,7 @@ pub fn load_recalls<'a>(from: &Tensors, recalls: impl Iterator<Item = &'a mut Re
 /// Puts shards into the state that [`put_shards`] saved.
 ///
 /// # Errors
-/// As [`network`] and [`Env::load`](crate::tasks::Env::load).
+/// As [`network`] and [`Env::load`](tasks::Env::load).
 pub fn load_shards<'a>(from: &Tensors, shards: impl Iterator<Item = &'a mut Shard>) -> Result<()> {
     for (k, shard) in shards.enumerate() {
         let name = format!("shard.{k}.environments");

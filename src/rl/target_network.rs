@@ -6,8 +6,8 @@ use super::nn::elementwise::{add, approach};
 use super::nn::fold::OutputLayer;
 use super::nn::{Adam, AdamConfig, Network, Transposed, Weights, clip_norm};
 use super::state;
-use crate::error::{Error, Result};
-use crate::rng::Stream;
+use base::error::{Error, Result};
+use rng::Stream;
 
 /// Weights that learn, and their copy that follows.
 pub struct NetWithTarget {
@@ -142,8 +142,8 @@ impl NetWithTarget {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rl::nn::{Activation, Layers, Mlp};
-    use crate::rng::Purpose;
+    use crate::nn::{Activation, Layers, Mlp};
+    use rng::Purpose;
 
     /// θ̄ ← θ̄ + τ (θ − θ̄): what follows comes nearer, and what learns is not drawn to it.
     #[test]

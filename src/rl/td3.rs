@@ -5,8 +5,8 @@
 //! valued with noise that is cut: values of neighbouring actions are to be alike.
 
 use super::actor_critic::{ActorCritic, ActorCriticConfig, Exploration, Kind, Noise};
-use crate::defaults::with_defaults;
-use crate::error::{Error, Result};
+use base::defaults::with_defaults;
+use base::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
 /// Settings.

@@ -9,8 +9,8 @@
 //! ```
 
 use super::log::Line;
-use crate::error::{Error, Result};
-use crate::file_gate;
+use base::error::{Error, Result};
+use base::file_gate;
 use crc::{CRC_32_ISCSI, Crc};
 use std::fs::File;
 use std::io::Write;

@@ -36,16 +36,16 @@ use super::policy_io::put_policy;
 use super::predecessor::SAFE;
 use super::state;
 use super::warm_start::WarmStart;
-use crate::autodiff::native;
-use crate::error::{Error, Result};
-use crate::file_gate;
-use crate::parallel::Threads;
-use crate::tasks::{Env, EnvConfig, Evaluation, registry};
+use autodiff::native;
+use base::error::{Error, Result};
+use base::file_gate;
+use base::parallel::Threads;
 use predecessor::{Predecessor, predecessor};
 use serde_json::json;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
+use tasks::{Env, EnvConfig, Evaluation, registry};
 
 /// A run: a learner, its clock, its files.
 ///

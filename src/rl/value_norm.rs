@@ -6,7 +6,7 @@
 //! normalised after the update. PopArt also rewrites the critic's last layer so that its denormalised output stays: those of
 //! kept experience do so ([`Unit::into_other`]), those of rollouts follow by learning.
 
-use crate::error::{Error, Result, finite};
+use base::error::{Error, Result, finite};
 
 /// Least variance to divide by.
 const VARIANCE_FLOOR: f64 = 1e-2;
@@ -165,7 +165,7 @@ impl ValueNorm {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::{Purpose, Stream};
+    use rng::{Purpose, Stream};
 
     fn targets(seed: u64, n: usize) -> Vec<f32> {
         let mut s = Stream::new(seed, 0, 0, Purpose::LEARNING);

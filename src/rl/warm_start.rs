@@ -7,8 +7,8 @@
 use super::nn::head::Head;
 use super::nn::{Network, last_encoder};
 use super::policy::{Actor, Policy};
-use crate::error::{Error, Result};
-use crate::tasks::{Env, Spec, Stage, Statistics};
+use base::error::{Error, Result};
+use tasks::{Env, Spec, Stage, Statistics};
 
 /// What a learner begins with.
 #[derive(Debug, Clone)]
@@ -211,9 +211,9 @@ fn alike(from: &dyn Network, parameters: &[f32], to: &dyn Network, columns: &[Op
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rl::nn::{Activation, Layers};
-    use crate::rng::{Purpose, Stream};
-    use crate::tasks::EnvConfig;
+    use crate::nn::{Activation, Layers};
+    use rng::{Purpose, Stream};
+    use tasks::EnvConfig;
 
     fn spec(task: &str, config: &EnvConfig) -> Spec {
         Env::make(task, &EnvConfig { n_env: 1, ..config.clone() }).unwrap().spec().clone()

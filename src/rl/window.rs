@@ -5,10 +5,10 @@ use super::nn::elementwise::add;
 use super::nn::{Memory, Pass, Scratch, Weights};
 use super::policy::Actor;
 use super::shards::{Shard, episodes, within_memory};
-use crate::error::{Error, Result};
-use crate::tasks::{Adjoint, Column, Cotangents, Env, Seeds, StepOut, Sweep, SweepOptions, Tape};
+use base::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::time::{Duration, Instant};
+use tasks::{Adjoint, Column, Cotangents, Env, Seeds, StepOut, Sweep, SweepOptions, Tape};
 
 /// What is minimised in every step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -138,7 +138,7 @@ pub(crate) fn check_windows(shard: &Env, n_shard: usize, actor: &Actor, horizon:
 /// Windows of `horizon` steps for all shards. Their adjoint program is derived once.
 ///
 /// # Errors
-/// [`Error::Limit`] for more memory than environments may take; otherwise as [`Env::adjoint`](crate::tasks::Env::adjoint).
+/// [`Error::Limit`] for more memory than environments may take; otherwise as [`Env::adjoint`](tasks::Env::adjoint).
 pub fn windows(
     shards: Vec<Shard>,
     actor: &Actor,
@@ -223,7 +223,7 @@ impl Window {
     /// Flies on from where the last window stopped.
     ///
     /// # Errors
-    /// As [`Env::step_recorded`](crate::tasks::Env::step_recorded).
+    /// As [`Env::step_recorded`](tasks::Env::step_recorded).
     pub fn fly(&mut self, actor: &Actor, net: Weights<'_>) -> Result<()> {
         let begun = Instant::now();
         let (rows, objective) = (self.rows(), self.objective);
@@ -335,10 +335,10 @@ pub(crate) fn mask_nonfinite(x: &mut [f32], rows: usize, masked: &mut Vec<usize>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rl::nn::{Layers, Transposed};
-    use crate::rl::shards::shards;
-    use crate::rng::{Purpose, Stream};
-    use crate::tasks::{Env, EnvConfig};
+    use crate::nn::{Layers, Transposed};
+    use crate::shards::shards;
+    use rng::{Purpose, Stream};
+    use tasks::{Env, EnvConfig};
 
     /// Σ cost · weight of a window from a saved state.
     fn cost(window: &mut Window, actor: &Actor, parameters: &[f32], from: &(Vec<u8>, Vec<f32>)) -> f64 {

@@ -4,7 +4,7 @@
 //! have their blocks computed together, whatever episode and step each is in. The words are those of [`Stream`](super::Stream) to
 //! the bit. One to four blocks take their four rows as vectors instead.
 
-use crate::autodiff::lanes::{Kernel, Lanes, dispatch};
+use autodiff::lanes::{Kernel, Lanes, dispatch};
 
 /// Words of a block.
 pub(crate) const BLOCK_WORDS: usize = 16;
@@ -202,8 +202,8 @@ fn turned<const N: usize>(a: [u32; N], by: usize) -> [u32; N] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::autodiff::lanes::{Set, with_set};
-    use crate::rng::{Purpose, Stream};
+    use crate::{Purpose, Stream};
+    use autodiff::lanes::{Set, with_set};
     use rand_chacha::ChaCha8Rng;
     use rand_chacha::rand_core::{Rng, SeedableRng};
 

@@ -8,7 +8,8 @@ use super::unit;
 
 /// Standard normal N(0, 1) of two draws of 64 bits: √(−2 ln(1 − u₁)) cos 2πu₂. |result| ≤ 8.6.
 #[inline(always)]
-pub(crate) fn normal(a: u64, b: u64) -> f64 {
+#[doc(hidden)]
+pub fn normal(a: u64, b: u64) -> f64 {
     // 1 − u lies in (0, 1], so the logarithm is finite
     (-2.0 * ln(1.0 - unit(a))).sqrt() * cos_of_turns(unit(b))
 }
@@ -34,7 +35,8 @@ const LN: [f64; 7] = [
 ///
 /// Exponent and mantissa are split so that the mantissa 1 + f lies in [√½, √2); s = f/(2 + f) makes of its logarithm an odd series.
 #[inline(always)]
-pub(crate) fn ln(x: f64) -> f64 {
+#[doc(hidden)]
+pub fn ln(x: f64) -> f64 {
     let shifted = x.to_bits().wrapping_add(ONE - SQRT_HALF);
     // behind the exponent of 2⁵², a small integer is a number
     let exponent = f64::from_bits((shifted >> 52) | (1075 << 52)) - ((1_u64 << 52) + 1023) as f64;
@@ -94,7 +96,7 @@ fn cos_of_turns(u: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::{Purpose, Stream};
+    use crate::{Purpose, Stream};
     use std::f64::consts::{FRAC_PI_2, TAU};
 
     /// Draws of 64 bits: evenly over all, from both ends on, random ones.

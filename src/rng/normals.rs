@@ -2,10 +2,11 @@
 
 use super::chacha::{ABREAST, Abreast, BLOCK_WORDS};
 use super::normal;
-use crate::autodiff::lanes::{Kernel, Lanes, dispatch};
+use autodiff::lanes::{Kernel, Lanes, dispatch};
 
 /// Words of a normal number: two draws.
-pub(crate) const NORMAL_WORDS: usize = 4;
+#[doc(hidden)]
+pub const NORMAL_WORDS: usize = 4;
 /// Normal numbers of a block.
 const PER_BLOCK: usize = BLOCK_WORDS / NORMAL_WORDS;
 /// Fewer blocks are computed one by one: lanes that mean nothing cost as much as others.
@@ -16,7 +17,8 @@ const WORTH_LANES: usize = 3;
 ///
 /// `stream` tells the key of each and how many words were drawn before, a multiple of [`NORMAL_WORDS`]. The numbers are those of
 /// [`Stream::normal`](super::Stream::normal) to the bit.
-pub(crate) fn normals(
+#[doc(hidden)]
+pub fn normals(
     n: usize,
     count: usize,
     stream: impl Fn(usize) -> ([u64; 4], u64),
@@ -117,8 +119,8 @@ fn pair(low: u32, high: u32) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::autodiff::lanes::{Set, with_set};
-    use crate::rng::Stream;
+    use crate::Stream;
+    use autodiff::lanes::{Set, with_set};
 
     #[test]
     fn normals_of_many_streams_are_those_of_each_with_every_instruction_set() {

@@ -2,19 +2,22 @@
 
 /// Uniform in [0, 1): the upper 53 bits.
 #[inline(always)]
-pub(crate) fn unit(bits: u64) -> f64 {
+#[doc(hidden)]
+pub fn unit(bits: u64) -> f64 {
     (bits >> 11) as f64 * (1.0 / (1_u64 << 53) as f64)
 }
 
 /// Uniform in 0..`n` for n ≥ 1 (0 for n = 0), by the high half of a 128-bit product; bias below n/2⁶⁴.
 #[inline(always)]
-pub(crate) fn below(bits: u64, n: u64) -> u64 {
+#[doc(hidden)]
+pub fn below(bits: u64, n: u64) -> u64 {
     ((u128::from(bits) * u128::from(n)) >> 64) as u64
 }
 
 /// A number in [0, 1) in `f32`, rounded once and never to 1: the largest below it instead.
 #[inline(always)]
-pub(crate) fn to_f32_below_one(x: f64) -> f32 {
+#[doc(hidden)]
+pub fn to_f32_below_one(x: f64) -> f32 {
     (x as f32).min(1.0 - 0.5 * f32::EPSILON)
 }
 

@@ -7,7 +7,8 @@ use super::chacha::{ABREAST, Abreast, BLOCK_WORDS, block, four};
 /// Nothing is computed before the first draw. [`blocks`] computes the block of many at once; without it a draw computes its own, and
 /// behind what is in hand four at once where these cost little more than one.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Words {
+#[doc(hidden)]
+pub struct Words {
     key: [u64; 4],
     /// Words drawn so far.
     position: u64,
@@ -21,7 +22,8 @@ pub(crate) struct Words {
 const WORTH_LANES: [usize; 2] = [4, 12];
 
 /// Computes the blocks that these stand in, of those that have it not in hand, [`ABREAST`] at once.
-pub(crate) fn blocks(of: &mut [Words]) {
+#[doc(hidden)]
+pub fn blocks(of: &mut [Words]) {
     let (mut waiting, mut n) = ([0; ABREAST], 0);
     for i in 0..of.len() {
         if !of[i].is_in_hand() {
@@ -143,7 +145,7 @@ impl Words {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::{Purpose, Stream};
+    use crate::{Purpose, Stream};
 
     /// Streams of other keys at other positions: at a block's start, within one, before the end of 32-bit numbers.
     fn pairs(n: u64) -> (Vec<Words>, Vec<Stream>) {

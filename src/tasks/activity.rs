@@ -97,7 +97,7 @@ impl Commands {
     }
 
     /// Takes in the commands of the environments that fly.
-    pub(super) fn see(&mut self, env: &Env, flying: &[bool]) -> crate::error::Result<()> {
+    pub(super) fn see(&mut self, env: &Env, flying: &[bool]) -> base::error::Result<()> {
         env.rotor_commands_into(&mut self.now)?;
         let rows = self.now.chunks_exact(self.n.max(1));
         for ((own, row), _) in self.episodes.iter_mut().zip(rows).zip(flying).filter(|(_, flies)| **flies) {

@@ -7,11 +7,11 @@ use super::settings::{Setting, filled};
 use super::start::{Begun, Drawn, Start, Streams};
 use super::task::{Task, View};
 use super::task_spec::{Field, Metric, TaskSpec, Term, total};
-use crate::autodiff::trace::on_constants;
-use crate::autodiff::{Scalar, Trace};
-use crate::dynamics::Plant;
-use crate::dynamics::frame::FRAME;
-use crate::error::{Error, Result};
+use autodiff::trace::on_constants;
+use autodiff::{Scalar, Trace};
+use base::error::{Error, Result};
+use dynamics::Plant;
+use dynamics::frame::FRAME;
 
 /// The numbers of a view of one environment.
 pub(crate) struct Snapshot<S> {

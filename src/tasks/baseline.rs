@@ -1,15 +1,15 @@
 //! The controllers of this crate as policies: what learners have to beat.
 //!
 //! Free drones are flown by a cascade each, all levels in every step; what is joined together by its
-//! [`default_controller`](crate::controllers::registry::default_controller). All see the true state, the true masses of their episode (a free drone all its
+//! [`default_controller`](controllers::registry::default_controller). All see the true state, the true masses of their episode (a free drone all its
 //! numbers) and what the task [tracks](super::Task::reference), and act on the rotors.
 
 use super::crew::Crew;
 use super::env::{Buffers, Env};
 use super::robot::Robot;
 use super::task::TaskReference;
-use crate::controllers::cascade::Level;
-use crate::error::{Error, Result};
+use base::error::{Error, Result};
+use controllers::cascade::Level;
 
 /// One controller per environment.
 pub struct Baseline {

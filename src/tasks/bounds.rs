@@ -4,9 +4,9 @@
 //! overflow, 1e13 of loss, is as good as a poison. Healthy flights stay far within: our controllers reach 6 m/s, 12 rad/s and
 //! 38 rad/s at joints, random ones 17 m/s, 150 and 180 rad/s.
 
-use crate::defaults::with_defaults;
-use crate::dynamics::Plant;
-use crate::error::{Error, Result};
+use base::defaults::with_defaults;
+use base::error::{Error, Result};
+use dynamics::Plant;
 use serde::{Deserialize, Serialize};
 
 with_defaults! {

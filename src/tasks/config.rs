@@ -5,14 +5,14 @@ use super::observation::Stage;
 use super::randomise::Change;
 use super::robot::{Robot, benchmark, benchmark_effects};
 use super::settings::{Settings, find};
-use crate::controllers::action::ActionScale;
-use crate::controllers::cascade::Level;
-use crate::dynamics::configurations::Omav;
-use crate::dynamics::integrate::Integrator;
-use crate::dynamics::sensors::SensorConfig;
-use crate::dynamics::{Effects, Physics, Vehicle, vehicles};
-use crate::error::{Error, Result};
-use crate::layers::{self, Layer};
+use base::error::{Error, Result};
+use base::layers::{self, Layer};
+use controllers::action::ActionScale;
+use controllers::cascade::Level;
+use dynamics::configurations::Omav;
+use dynamics::integrate::Integrator;
+use dynamics::sensors::SensorConfig;
+use dynamics::{Effects, Physics, Vehicle, vehicles};
 use serde::{Deserialize, Deserializer, Serialize};
 
 /// What a done environment does.

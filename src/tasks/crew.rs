@@ -2,14 +2,14 @@
 
 use super::robot::{Inertial, Robot};
 use super::task::TaskReference;
-use crate::controllers::cascade::{Cascade, Rates};
-use crate::controllers::controller::{Controller, Measurement, Target};
-use crate::controllers::kinematics::Kinematics;
-use crate::controllers::registry::{Setup, default_controller, swift};
-use crate::dynamics::rigid::{RIGID_DIM, vehicle_of};
-use crate::dynamics::tree::Model;
-use crate::dynamics::{Inertia, Plant, Rotor, Vehicle};
-use crate::error::{Error, Result};
+use base::error::{Error, Result};
+use controllers::cascade::{Cascade, Rates};
+use controllers::controller::{Controller, Measurement, Target};
+use controllers::kinematics::Kinematics;
+use controllers::registry::{Setup, default_controller, swift};
+use dynamics::rigid::{RIGID_DIM, vehicle_of};
+use dynamics::tree::Model;
+use dynamics::{Inertia, Plant, Rotor, Vehicle};
 
 /// Controllers of everything that flies in one environment, all levels in every step.
 pub(crate) enum Crew {

@@ -5,7 +5,7 @@
 //! Words are constants; `{key}` in them stands for the value of a setting, `{×key}` for a factor.
 
 use super::task_spec::{End, Field, Layout, Smoothness};
-use crate::autodiff::{Scalar, Trace, TraceMask};
+use autodiff::{Scalar, Trace, TraceMask};
 use std::ops::{Deref, DerefMut};
 
 /// Takes numbers one after the other, and what they are called.

@@ -3,7 +3,7 @@
 use super::activity::{Activity, Commands, EpisodeActivity};
 use super::config::Autoreset;
 use super::env::{Buffers, Column, Env, Spec};
-use crate::error::{Error, Result};
+use base::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
 /// Figures over the episodes of a batch.

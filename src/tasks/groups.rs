@@ -5,7 +5,7 @@
 use super::env::Spec;
 use super::observation::Stage;
 use super::task_spec::{Field, Layout, total};
-use crate::error::{Error, Result};
+use base::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 

@@ -4,9 +4,9 @@
 //! through them; noise is a constant to a gradient.
 
 use super::task_spec::{Field, total};
-use crate::autodiff::{Scalar, Trace, TraceMask};
-use crate::dynamics::domain::Domain;
-use crate::error::{Error, Result};
+use autodiff::{Scalar, Trace, TraceMask};
+use base::error::{Error, Result};
+use dynamics::domain::Domain;
 use serde::{Deserialize, Serialize};
 
 /// One transform. In TOML: `{ kind = "history", steps = 4 }`.

@@ -2,11 +2,11 @@
 
 use super::robot::{Inertial, Robot};
 use super::start::Drawn;
-use crate::autodiff::Mask;
-use crate::dynamics::Plant;
-use crate::dynamics::rigid::BODY_PARAMETERS;
-use crate::dynamics::rotor::{N_ROTOR_PARAMETER, at};
-use crate::dynamics::tree::{LINK_PARAMETERS, TreePlace};
+use autodiff::Mask;
+use dynamics::Plant;
+use dynamics::rigid::BODY_PARAMETERS;
+use dynamics::rotor::{N_ROTOR_PARAMETER, at};
+use dynamics::tree::{LINK_PARAMETERS, TreePlace};
 
 /// One tree: what is weighed, and what carries it.
 #[derive(Debug, Clone, Default)]
@@ -115,9 +115,9 @@ pub(crate) const MOST_OF_OTHERS: f64 = 0.999;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::autodiff::Recording;
-    use crate::rng::{Purpose, Stream};
+    use autodiff::Recording;
     use nalgebra::{Matrix3, Rotation3, Vector3};
+    use rng::{Purpose, Stream};
 
     /// By a recording in `f32`, as programs do.
     fn settled(recording: &Recording, inertia: [f64; 6]) -> ([f32; 6], [f32; 6]) {

@@ -6,17 +6,18 @@
 //! kind of state is that of paying for ever, and the advantage of a step of one episode may not contain rewards of the next
 //! (the trace of GAE runs on where only terminations cut it).
 
-use crate::autodiff::{Scalar, Trace, TraceMask};
-use crate::dynamics::Effects;
-use crate::error::Result;
-use crate::tasks::config::EnvConfig;
-use crate::tasks::declare::{Ends, Writer};
-use crate::tasks::robot::Robot;
-use crate::tasks::start::Start;
-use crate::tasks::task::{Task, View};
+use crate::config::EnvConfig;
+use crate::declare::{Ends, Writer};
+use crate::robot::Robot;
+use crate::start::Start;
+use crate::task::{Task, View};
+use autodiff::{Scalar, Trace, TraceMask};
+use base::error::Result;
+use dynamics::Effects;
 
 /// Steps until both are cut.
-pub(crate) const CUT: usize = 10;
+#[doc(hidden)]
+pub const CUT: usize = 10;
 
 /// A vehicle in free space that nothing is asked of.
 fn idle(config: &EnvConfig) -> Result<Robot> {

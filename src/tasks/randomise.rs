@@ -2,7 +2,7 @@
 //! of every episode.
 //!
 //! A [`Change`] names a quantity, a distribution and a time. Draws belong to the environment and episode (see
-//! [`rng`](crate::rng)), so they do not depend on the size of the batch. Changes apply in the order given; thrust as a ratio
+//! [`rng`](rng)), so they do not depend on the size of the batch. Changes apply in the order given; thrust as a ratio
 //! to weight uses the mass of that moment. What could leave the physical is refused when the environment is built; rotors
 //! start at the speed that carries the weight drawn. A curriculum takes a share of every change
 //! ([`Env::set_difficulty`](super::Env::set_difficulty)).
@@ -10,11 +10,11 @@
 use super::physical::{Flock, MOST_OF_OTHERS, flocks, settle};
 use super::robot::{Inertial, Robot};
 use super::start::{Draw, Drawn, Draws};
-use crate::dynamics::domain::Domain;
-use crate::dynamics::rigid::BODY_PARAMETERS;
-use crate::dynamics::rotor::{N_ROTOR_PARAMETER, at};
-use crate::dynamics::tree::LINK_PARAMETERS;
-use crate::error::{Error, Result, finite};
+use base::error::{Error, Result, finite};
+use dynamics::domain::Domain;
+use dynamics::rigid::BODY_PARAMETERS;
+use dynamics::rotor::{N_ROTOR_PARAMETER, at};
+use dynamics::tree::LINK_PARAMETERS;
 use serde::{Deserialize, Serialize};
 
 /// What changes.

@@ -2,8 +2,8 @@
 
 use super::env::{Column, Env, Spec};
 use super::evaluate::Watched;
-use crate::dynamics::batch::Breach;
-use crate::error::{Error, Result};
+use base::error::{Error, Result};
+use dynamics::batch::Breach;
 use serde::Serialize;
 
 /// A figure over all environments that fly.

@@ -27,8 +27,8 @@ use super::suite::transport_fly_through::TransportFlyThrough;
 use super::suite::transport_hover::TransportHover;
 use super::suite::transport_track::TransportTrack;
 use super::suite::variants;
-use crate::error::{Error, Result};
-use crate::layers::{self, Layer};
+use base::error::{Error, Result};
+use base::layers::{self, Layer};
 use std::sync::{PoisonError, RwLock};
 
 /// One line of the registry.
@@ -130,7 +130,8 @@ impl Entry {
     }
 
     /// The task's own defaults as a table.
-    pub(crate) fn default_table(&self) -> Result<toml::Table> {
+    #[doc(hidden)]
+    pub fn default_table(&self) -> Result<toml::Table> {
         Ok(Layer::of_text(self.defaults, self.name)?.table().clone())
     }
 

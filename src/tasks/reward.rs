@@ -1,7 +1,7 @@
 //! Shapes that rewards are made of.
 
-use crate::autodiff::{Scalar, safe};
-use crate::dynamics::spatial::Vec3;
+use autodiff::{Scalar, safe};
+use dynamics::spatial::Vec3;
 
 /// 1/(1 + (a‖v‖)²) of a squared norm: smooth, also at zero.
 pub fn rational_kernel<S: Scalar>(a: f64, squared: S) -> S {

@@ -3,14 +3,14 @@
 //! Every task sees the same picture: **frames**, the motion of bodies along world axes, and **drones**, each with a frame,
 //! rotors and drives. A vehicle alone has one frame; a model has one per body.
 
-use crate::autodiff::{Array, Scalar, System};
-use crate::dynamics::domain::Domain;
-pub use crate::dynamics::plant::RotorPlace;
-use crate::dynamics::rotor::holding_action;
-use crate::dynamics::spatial::{Quat, conjugate, constants, multiply, up_axis};
-use crate::dynamics::tree::{Model, Multibody};
-use crate::dynamics::{Effects, Physics, Plant, Vehicle, tree};
-use crate::error::{Error, Result};
+use autodiff::{Array, Scalar, System};
+use base::error::{Error, Result};
+use dynamics::domain::Domain;
+pub use dynamics::plant::RotorPlace;
+use dynamics::rotor::holding_action;
+use dynamics::spatial::{Quat, conjugate, constants, multiply, up_axis};
+use dynamics::tree::{Model, Multibody};
+use dynamics::{Effects, Physics, Plant, Vehicle, tree};
 
 /// Time constant of the motors in the benchmark tasks, s: the paper's filter of 0.43 per 16 ms.
 pub const MOTOR_TIME_CONSTANT: f64 = 0.02846;
@@ -249,7 +249,7 @@ impl Robot {
         &self.rest
     }
 
-    /// The largest angle by which a vehicle leans in hover ([`Hover::lean`](crate::dynamics::Hover::lean)), rad: starts have it, and
+    /// The largest angle by which a vehicle leans in hover ([`Hover::lean`](dynamics::Hover::lean)), rad: starts have it, and
     /// what a task rewards along body z is missed by its cosine.
     pub fn hover_lean(&self) -> f64 {
         let lean = |turn: &Quat<f64>| up_axis(*turn)[2].clamp(-1.0, 1.0).acos();
@@ -281,7 +281,8 @@ impl Robot {
     }
 
     /// First of each tree's numbers in the state.
-    pub(crate) fn roots(&self) -> &[usize] {
+    #[doc(hidden)]
+    pub fn roots(&self) -> &[usize] {
         &self.roots
     }
 
@@ -339,7 +340,7 @@ impl<S: Scalar> Inertial<S> {
         Self::along_axes(mass, [y + z, x + z, x + y].map(|own| S::constant(own) * mass), center_of_mass)
     }
 
-    /// A solid capsule along z, `length` between the middles of its ends: [`Geometry::inertia`](crate::dynamics::shape::Geometry::inertia).
+    /// A solid capsule along z, `length` between the middles of its ends: [`Geometry::inertia`](dynamics::shape::Geometry::inertia).
     pub fn capsule(mass: S, radius: f64, length: S, center_of_mass: [S; 3]) -> Self {
         let (r, square) = (radius, length.square());
         let constant = S::constant;

@@ -3,8 +3,11 @@
 //! From that line come the field of the struct, its documentation, its key in `[task]`, the check of what is given, the
 //! tables of `omnidrones tasks NAME` and the value that `{key}` stands for in the words of a task.
 
-use crate::error::{Error, Result};
-use crate::reader;
+use base::error::Error;
+// `settings!` names it from the crates of users
+#[doc(hidden)]
+pub use base::error::Result;
+use base::reader;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
@@ -208,12 +211,12 @@ macro_rules! settings {
             }
         }
 
-        impl $crate::tasks::settings::Settings for $name {
+        impl $crate::settings::Settings for $name {
             fn each(
                 &mut self,
                 prefix: &str,
-                visit: &mut $crate::tasks::settings::Visit<'_>,
-            ) -> $crate::error::Result<()> {
+                visit: &mut $crate::settings::Visit<'_>,
+            ) -> $crate::settings::Result<()> {
                 $($crate::settings!(@visit self prefix visit $field $how);)+
                 Ok(())
             }
@@ -223,20 +226,20 @@ macro_rules! settings {
     (@doc $field:ident flat) => { "Those that other tasks have too." };
     (@doc $field:ident ($unit:literal, $meaning:literal, $domain:ident)) => { concat!($meaning, "; ", $unit) };
     (@visit $own:ident $prefix:ident $visit:ident $field:ident group) => {
-        $crate::tasks::settings::Settings::each(
+        $crate::settings::Settings::each(
             &mut $own.$field,
             &format!("{}{}_", $prefix, stringify!($field)),
             &mut *$visit,
         )?
     };
     (@visit $own:ident $prefix:ident $visit:ident $field:ident flat) => {
-        $crate::tasks::settings::Settings::each(&mut $own.$field, $prefix, &mut *$visit)?
+        $crate::settings::Settings::each(&mut $own.$field, $prefix, &mut *$visit)?
     };
     (@visit $own:ident $prefix:ident $visit:ident $field:ident ($unit:literal, $meaning:literal, $domain:ident)) => {
         $visit(
             format!("{}{}", $prefix, stringify!($field)),
             [$unit, $meaning],
-            $crate::tasks::settings::Domain::$domain,
+            $crate::settings::Domain::$domain,
             &mut $own.$field,
         )?
     };

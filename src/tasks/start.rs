@@ -7,17 +7,17 @@
 
 use super::declare::Goal;
 use super::robot::Robot;
-use crate::autodiff::{Scalar, Trace, TraceMask};
-use crate::dynamics::spatial::{Quat, Vec3, from_euler, rotate};
-use crate::error::{Error, Result};
-use crate::rng::{Purpose, Stream, below, ln, normal, to_f32_below_one, unit};
+use autodiff::{Scalar, Trace, TraceMask};
+use base::error::{Error, Result};
+use dynamics::spatial::{Quat, Vec3, from_euler, rotate};
+use rng::{Purpose, Stream, below, ln, normal, to_f32_below_one, unit};
 use std::cell::RefCell;
 use std::f64::consts::{PI, TAU};
 
 mod sealed {
     pub trait Sealed {}
     impl Sealed for f64 {}
-    impl Sealed for crate::autodiff::Trace {}
+    impl Sealed for autodiff::Trace {}
 }
 
 /// Numbers that starts are made of: recorded ones, or plain ones on the host.
@@ -206,7 +206,7 @@ impl<S: Drawn, const N: usize> Source<S> for Streams<N> {
     }
 }
 
-/// A stream of draws that belongs to an environment and an episode: see [`rng`](crate::rng).
+/// A stream of draws that belongs to an environment and an episode: see [`rng`](rng).
 pub struct Draws<'a, S = Trace> {
     source: &'a RefCell<dyn Source<S> + 'a>,
     stream: usize,
@@ -359,7 +359,7 @@ impl<'a, S: Drawn> Start<'a, S> {
     }
 
     /// Moves the root of tree `tree`: position, world, m, and attitude, of the axes in which it hovers level
-    /// ([`Vehicle::upright`](crate::dynamics::Vehicle::upright)): a vehicle that leans in hover leans so from there.
+    /// ([`Vehicle::upright`](dynamics::Vehicle::upright)): a vehicle that leans in hover leans so from there.
     ///
     /// # Panics
     /// If there is no such tree.

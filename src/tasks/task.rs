@@ -13,12 +13,12 @@ use super::robot::{DronePlace, Robot};
 use super::settings::Setting;
 use super::start::Start;
 use super::task_spec::Success;
-use crate::autodiff::{Scalar, Trace, TraceMask, safe};
-use crate::controllers::reference::{Hover, Reference, Tilt, Waypoint, Waypoints};
-use crate::dynamics::frame::{FRAME, Frame};
-use crate::dynamics::scene::Scene;
-use crate::dynamics::spatial::{Vec3, sub};
-use crate::error::Result;
+use autodiff::{Scalar, Trace, TraceMask, safe};
+use base::error::Result;
+use controllers::reference::{Hover, Reference, Tilt, Waypoint, Waypoints};
+use dynamics::frame::{FRAME, Frame};
+use dynamics::scene::Scene;
+use dynamics::spatial::{Vec3, sub};
 use std::f64::consts::{PI, TAU};
 
 /// A task: what flies, where an episode starts, what is seen, rewarded and forbidden.
@@ -81,7 +81,7 @@ pub trait Task: Send + Sync {
         Scene::grounded()
     }
 
-    /// Where gates and obstacles of the scene stand with this goal: writes its [placement](crate::dynamics::scene), of zeros.
+    /// Where gates and obstacles of the scene stand with this goal: writes its [placement](dynamics::scene), of zeros.
     fn place_scene(&self, _goal: &[f64], _placement: &mut [f64]) {}
 
     /// Draws the goal and the first state of an episode, at rest unless said otherwise. Recorded as all else, with draws for
@@ -99,7 +99,7 @@ pub trait Task: Send + Sync {
         None
     }
 
-    /// Wind, force and moment on tree `tree` in the coming step, as [`Disturbance`](crate::dynamics::Disturbance);
+    /// Wind, force and moment on tree `tree` in the coming step, as [`Disturbance`](dynamics::Disturbance);
     /// asked only where the robot's physics have that effect.
     fn disturb(&self, _view: &View, _tree: usize) -> [Trace; 9] {
         [Trace::zero(); 9]

@@ -4,7 +4,7 @@
 //! `omnidrones tasks NAME`.
 
 use super::settings::Setting;
-use crate::defaults::with_defaults;
+use base::defaults::with_defaults;
 use serde::{Deserialize, Serialize};
 
 with_defaults! {

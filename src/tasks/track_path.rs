@@ -8,12 +8,12 @@
 use super::declare::Writer;
 use super::start::{Draws, Start, eased};
 use super::task::{TaskReference, View};
-use crate::autodiff::{Array, Jet, Scalar, Trace, safe};
-use crate::controllers::reference::{Lemniscate, Reference, lemniscate_curve, lemniscate_phase};
-use crate::dynamics::GRAVITY;
-use crate::dynamics::frame::Frame;
-use crate::dynamics::spatial::{Vec3, add, cross, from_euler, multiply, rotate_back, scale, sub, to_euler};
 use crate::settings;
+use autodiff::{Array, Jet, Scalar, Trace, safe};
+use controllers::reference::{Lemniscate, Reference, lemniscate_curve, lemniscate_phase};
+use dynamics::GRAVITY;
+use dynamics::frame::Frame;
+use dynamics::spatial::{Vec3, add, cross, from_euler, multiply, rotate_back, scale, sub, to_euler};
 use std::f64::consts::{FRAC_PI_2, TAU};
 
 /// Numbers of a path among a goal's.

@@ -1,14 +1,14 @@
 use super::*;
-use crate::autodiff::jet::Jet;
-use crate::autodiff::lanes::{Kernel, Lanes, dispatch_each};
-use crate::autodiff::program::BLOCK;
-use crate::autodiff::{
+use crate::jet::Jet;
+use crate::lanes::{Kernel, Lanes, dispatch_each};
+use crate::program::BLOCK;
+use crate::{
     BatchRollout, Bounds, JacobianScratch, Objective, Program, Recording, Rollout, System, Trace, certify, jacobian,
 };
-use crate::parallel::Threads;
-use crate::rng::{Purpose, Stream};
+use base::parallel::Threads;
 use nalgebra::Const;
 use num_dual::{Derivative, Dual64, DualSVec64, HyperDual64};
+use rng::{Purpose, Stream};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Smooth, 3 → 2.
@@ -316,7 +316,7 @@ fn a_rollout_through_called_functions_has_the_gradient_of_the_written_ones() {
     let (cost, gradient) = of(&way).gradient(&x0, &inputs, &theta);
     let (plain_cost, plain) = of(&Way::Plain).gradient(&x0, &inputs, &theta);
     let (_, dual) = of(&way).gradient_forward(&x0, &inputs, &theta);
-    let all = |g: &crate::autodiff::Gradient| [&g.state[..], &g.parameters, &g.inputs].concat();
+    let all = |g: &crate::Gradient| [&g.state[..], &g.parameters, &g.inputs].concat();
     let written = worst(&[vec![cost], all(&gradient)].concat(), &[vec![plain_cost], all(&plain)].concat());
     let forward = worst(&[&gradient.state[..], &gradient.parameters].concat(), &all(&dual));
     println!("against the written {written:.1e}, against duals {forward:.1e}");

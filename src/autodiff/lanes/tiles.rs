@@ -7,13 +7,13 @@
 use super::BLOCK;
 
 /// Lanes with a one, of a row of zeros and ones: bit i stands for lane i.
-pub(crate) fn ones(row: &[f32; BLOCK]) -> u64 {
+pub fn ones(row: &[f32; BLOCK]) -> u64 {
     let plain = || row.iter().enumerate().fold(0, |mask, (lane, x)| mask | (u64::from(*x > 0.5) << lane));
     avx2::ones(row).unwrap_or_else(plain)
 }
 
 /// Columns of up to sixty-four environments into rows; nothing where the rows were left out.
-pub(crate) fn to_rows(columns: &[[f32; BLOCK]], n_env: usize, rows: &mut [f32]) {
+pub fn to_rows(columns: &[[f32; BLOCK]], n_env: usize, rows: &mut [f32]) {
     if columns.len() < avx2::WIDE {
         return gather_rows(columns.len(), |k| &columns[k], n_env, rows);
     }
@@ -27,12 +27,7 @@ pub(crate) fn to_rows(columns: &[[f32; BLOCK]], n_env: usize, rows: &mut [f32]) 
 }
 
 /// As [`to_rows`] of `width` columns that lie apart.
-pub(crate) fn gather_rows<'a>(
-    width: usize,
-    column: impl Fn(usize) -> &'a [f32; BLOCK],
-    n_env: usize,
-    rows: &mut [f32],
-) {
+pub fn gather_rows<'a>(width: usize, column: impl Fn(usize) -> &'a [f32; BLOCK], n_env: usize, rows: &mut [f32]) {
     if width == 0 || rows.is_empty() {
         return;
     }
@@ -51,7 +46,7 @@ pub(crate) fn gather_rows<'a>(
 }
 
 /// Rows of up to sixty-four environments into columns; lanes behind the last stay as they are.
-pub(crate) fn to_columns(rows: &[f32], columns: &mut [[f32; BLOCK]]) {
+pub fn to_columns(rows: &[f32], columns: &mut [[f32; BLOCK]]) {
     let width = columns.len().max(1);
     let n_env = (rows.len() / width).min(BLOCK);
     let rows = &rows[..n_env * width];
@@ -64,7 +59,7 @@ pub(crate) fn to_columns(rows: &[f32], columns: &mut [[f32; BLOCK]]) {
 #[cfg(target_arch = "x86_64")]
 mod avx2 {
     use super::BLOCK;
-    use crate::autodiff::lanes::arch;
+    use crate::lanes::arch;
     use pulp::x86::V3;
     use pulp::{Arch, Simd, WithSimd, cast};
     use std::arch::x86_64::__m256;
@@ -310,8 +305,7 @@ mod avx2 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::autodiff::lanes::{Set, with_set};
-    use crate::speed_gate::{Measured, keeps};
+    use crate::lanes::{Set, with_set};
 
     fn numbers(n: usize) -> Vec<f32> {
         (0..n).map(|k| (k % 8191) as f32).collect()
@@ -350,16 +344,5 @@ mod tests {
                 assert_eq!(with_set(set, || ones(&row)), mask, "{set:?}");
             }
         }
-    }
-
-    #[test]
-    fn rows_and_columns_keep_their_speed() {
-        let (rows, mut columns) = (numbers(BLOCK * 30), vec![[0.0; BLOCK]; 30]);
-        let mut back = rows.clone();
-        // in the first-level cache, with the checks of the profile `test`, which plain loops have fewer of
-        let measured = Measured { avx512: 0.91, avx2: 0.92 };
-        keeps("columns to rows", &measured, || to_rows(std::hint::black_box(&columns), BLOCK, &mut back));
-        let measured = Measured { avx512: 0.49, avx2: 0.49 };
-        keeps("rows to columns", &measured, || to_columns(std::hint::black_box(&rows), &mut columns));
     }
 }

@@ -7,10 +7,10 @@ use super::lower::{Callee, Element, Lowered, lower};
 use super::memory::{self, Needs, PerProcess};
 use super::x86::{Encoded, Shape, encode};
 use super::{MAX_STEPS, WhyInterpreted};
-use crate::autodiff::columns::Lines;
-use crate::autodiff::custom::{Operation, Points, Scratch};
-use crate::autodiff::lanes::instruction_set;
-use crate::autodiff::program::{Op, ValueForm};
+use crate::columns::Lines;
+use crate::custom::{Operation, Points, Scratch};
+use crate::lanes::instruction_set;
+use crate::program::{Op, ValueForm};
 use std::collections::HashMap;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::ops::Range;
@@ -31,7 +31,7 @@ struct Native {
 
 /// A share in it.
 #[derive(Debug, Clone)]
-pub(crate) struct Code(Arc<Native>);
+pub struct Code(Arc<Native>);
 
 impl Code {
     /// Of a program for rows of a kind.

@@ -3,8 +3,8 @@
 use super::WhyInterpreted;
 use super::executable::Row;
 use super::layout::{Layout, Rows};
-use crate::autodiff::columns::Lines;
-use crate::autodiff::program::ValueForm;
+use crate::columns::Lines;
+use crate::program::ValueForm;
 use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
@@ -32,7 +32,8 @@ impl Code {
 
 /// One for all: there are no locks here that a process made by `fork` would find held.
 #[derive(Debug)]
-pub(crate) struct PerProcess<T>(OnceLock<T>);
+#[doc(hidden)]
+pub struct PerProcess<T>(OnceLock<T>);
 
 impl<T: Default + Sync> PerProcess<T> {
     pub(crate) const fn new() -> Self {
@@ -44,6 +45,7 @@ impl<T: Default + Sync> PerProcess<T> {
 }
 
 /// Modes are the host's.
-pub(crate) fn in_standard_modes<R>(work: impl FnOnce() -> R) -> R {
+#[doc(hidden)]
+pub fn in_standard_modes<R>(work: impl FnOnce() -> R) -> R {
     work()
 }

@@ -3,15 +3,16 @@
 use super::layout::{Layout, Rows};
 use super::lower::Element;
 use super::{Code, WhyInterpreted, code};
-use crate::autodiff::columns::{BLOCK, LINE, Lines};
-use crate::autodiff::lanes::lane_width;
-use crate::autodiff::program::{BlockWorkspace, Program, Workspace};
-use crate::error::{Error, Result};
+use crate::columns::{BLOCK, LINE, Lines};
+use crate::lanes::lane_width;
+use crate::program::{BlockWorkspace, Program, Workspace};
+use base::error::{Error, Result};
 use std::marker::PhantomData;
 use std::ops::Range;
 
 /// Numbers of the widest register.
-pub(crate) const WIDEST: usize = 16;
+#[doc(hidden)]
+pub const WIDEST: usize = 16;
 
 /// A row of an array: a number of each environment of a block, one number, or a number of each of eight steps.
 pub trait Row: sealed::Row {}
@@ -22,7 +23,7 @@ impl Row for [f64; LINE] {}
 
 mod sealed {
     use super::{Element, Interpreted};
-    use crate::autodiff::program::Program;
+    use crate::program::Program;
     use std::ops::Range;
 
     #[expect(private_interfaces, reason = "nobody outside implements or calls these")]
@@ -59,6 +60,7 @@ pub struct Work<R> {
 /// A program for rows of one kind, whose arguments and results lie as a [`Layout`] says.
 ///
 /// ```
+/// # use omnidrones_autodiff::omnidrones;
 /// use omnidrones::autodiff::native::{Executable, Layout, Place, Rows};
 /// use omnidrones::autodiff::{Program, Recording, Scalar, Trace};
 ///
@@ -146,12 +148,8 @@ impl<R: Row> Executable<R> {
     }
 
     /// As [`Executable::run`] for these numbers of each row, which begin with a register of any processor.
-    pub(crate) fn run_within(
-        &self,
-        work: &mut Work<R>,
-        arrays: &mut [Rows<'_, R>],
-        numbers: Range<usize>,
-    ) -> Result<()> {
+    #[doc(hidden)]
+    pub fn run_within(&self, work: &mut Work<R>, arrays: &mut [Rows<'_, R>], numbers: Range<usize>) -> Result<()> {
         let is_within = numbers.start.is_multiple_of(WIDEST) && numbers.start < numbers.end && numbers.end <= R::N;
         if let Ok(code) = &self.code {
             if is_within && code.run_within(&mut work.slots, arrays, numbers.clone()) {

@@ -1,6 +1,6 @@
 //! Where the arguments and results of a program lie, so that it works in place.
 
-use crate::error::{Error, Result};
+use base::error::{Error, Result};
 use std::collections::HashSet;
 
 /// Most arrays of a layout: as many as there are registers for their addresses.

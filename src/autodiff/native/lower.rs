@@ -2,10 +2,10 @@
 //! of `f64` calls; minima and maxima are found in selections; equal terms are computed once, and what nobody reads not at all.
 
 use super::MAX_STEPS;
-use crate::autodiff::custom::Operation;
-use crate::autodiff::polynomials::*;
-use crate::autodiff::program::{self, Action, Op, Source, Tape, Value, ValueForm};
-use crate::autodiff::quick::QuickMap;
+use crate::custom::Operation;
+use crate::polynomials::*;
+use crate::program::{self, Action, Op, Source, Tape, Value, ValueForm};
+use crate::quick::QuickMap;
 use std::f64::consts::{FRAC_2_PI, FRAC_PI_2, FRAC_PI_4, LOG2_E, PI};
 use std::sync::Arc;
 

@@ -11,7 +11,7 @@
 
 use super::layout::{MAX_ARRAYS, Rows};
 use super::{MAX_CODE, WhyInterpreted};
-use crate::autodiff::columns::Lines;
+use crate::columns::Lines;
 use bytemuck::Pod;
 use rustix::io::Errno;
 use rustix::mm::{Advice, MapFlags, MprotectFlags, ProtFlags, madvise, mmap_anonymous, mprotect, munmap};
@@ -188,7 +188,8 @@ unsafe extern "sysv64" fn call(frame: *mut Frame, number: u32) {
 /// Does `work` in the modes that Rust assumes of `f32` and `f64`: round to nearest, subnormals kept. A host may have set others (many
 /// a library that is linked for speed flushes subnormals); they are back afterwards.
 #[inline(always)]
-pub(crate) fn in_standard_modes<R>(work: impl FnOnce() -> R) -> R {
+#[doc(hidden)]
+pub fn in_standard_modes<R>(work: impl FnOnce() -> R) -> R {
     let _modes = Modes::standard();
     work()
 }
@@ -290,14 +291,17 @@ fn emptied_by_forks() -> rustix::io::Result<*mut u8> {
 /// Something that every process has its own of, also one made by `fork`: a lock that another thread held then would be held there for
 /// ever.
 #[derive(Debug)]
-pub(crate) struct PerProcess<T>(AtomicPtr<(u64, T)>);
+#[doc(hidden)]
+pub struct PerProcess<T>(AtomicPtr<(u64, T)>);
 
 impl<T: Default + Sync> PerProcess<T> {
-    pub(crate) const fn new() -> Self {
+    #[doc(hidden)]
+    pub const fn new() -> Self {
         Self(AtomicPtr::new(null_mut()))
     }
 
-    pub(crate) fn get(&'static self) -> &'static T {
+    #[doc(hidden)]
+    pub fn get(&'static self) -> &'static T {
         let (process, found) = (process(), self.0.load(Ordering::Acquire));
         // SAFETY: null, or one that is never freed once it stands here.
         if let Some((_, own)) = unsafe { found.as_ref() }.filter(|(of, _)| *of == process) {

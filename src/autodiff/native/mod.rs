@@ -31,12 +31,14 @@ mod memory;
 #[cfg(all(target_arch = "x86_64", target_os = "linux", not(miri)))]
 mod x86;
 
-pub(crate) use executable::WIDEST;
+#[doc(hidden)]
+pub use executable::WIDEST;
 pub use executable::{Executable, Row, Work};
 pub use layout::{Layout, MAX_ARRAYS, MAX_ROWS, Place, Rows};
 
 #[cfg(all(target_arch = "x86_64", target_os = "linux", not(miri)))]
-pub(crate) use memory::{PerProcess, in_standard_modes};
+#[doc(hidden)]
+pub use memory::{PerProcess, in_standard_modes};
 
 #[cfg(not(all(target_arch = "x86_64", target_os = "linux", not(miri))))]
 mod elsewhere;
@@ -46,7 +48,8 @@ use elsewhere as code;
 pub(crate) use elsewhere::{PerProcess, in_standard_modes};
 
 pub(crate) use code::Code;
-pub(crate) mod policy;
+#[doc(hidden)]
+pub mod policy;
 
 use super::program::{Program, ValueForm};
 use super::trace::Recording;
@@ -103,7 +106,7 @@ pub fn availability() -> Result<(), WhyInterpreted> {
     let is_off = *SWITCH.get_or_init(|| {
         std::env::var_os("OMNIDRONES_NATIVE").is_some_and(|value| value.eq_ignore_ascii_case("off") || value == "0")
     });
-    match (is_off, crate::autodiff::lanes::instruction_set()) {
+    match (is_off, crate::lanes::instruction_set()) {
         (true, _) => Err(WhyInterpreted::Off),
         _ if !cfg!(all(target_arch = "x86_64", target_os = "linux", not(miri))) => Err(WhyInterpreted::System),
         (_, "avx512" | "avx2") => Ok(()),
@@ -111,13 +114,13 @@ pub fn availability() -> Result<(), WhyInterpreted> {
     }
 }
 
-/// What computes here, in words: the [instruction set](crate::autodiff::instruction_set), and whether programs run as machine code or
+/// What computes here, in words: the [instruction set](crate::instruction_set), and whether programs run as machine code or
 /// are interpreted and why, as `avx2 (machine code)`. A little code is made to find out, since a system may refuse it.
 pub fn instructions() -> String {
     let sum = Recording::of(2, |x| vec![x[0] + x[1]]);
     let why = availability().err().or_else(|| Program::compile(&sum).ok()?.why_interpreted());
     let how = why.map_or_else(|| "machine code".into(), |why| format!("interpreted: {why}"));
-    format!("{} ({how})", crate::autodiff::lanes::instruction_set())
+    format!("{} ({how})", crate::lanes::instruction_set())
 }
 
 /// Machine code of a program for rows of a kind, made now or found.

@@ -18,7 +18,8 @@ pub(crate) const MAX_SIDE_BY_SIDE: usize = 6_000;
 
 /// What an evaluation is without machine code.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Instead {
+#[doc(hidden)]
+pub enum Instead {
     /// Interpreted, of one point.
     Interpreted,
     /// Interpreted over a block of environments.
@@ -52,7 +53,8 @@ pub(crate) fn pays(instead: Instead, n_instruction: usize, n_evaluation: u64) ->
 
 /// Machine code that is made when so many evaluations were asked for that it pays, once, for all threads.
 #[derive(Debug)]
-pub(crate) struct OnDemand<T> {
+#[doc(hidden)]
+pub struct OnDemand<T> {
     asked: AtomicU64,
     /// Tried, never waited for: in a process made by `fork` nobody may be there who gives it back.
     made: Mutex<Option<Result<T, WhyInterpreted>>>,
@@ -76,7 +78,8 @@ impl<T: Clone> OnDemand<T> {
     }
 
     /// Asks for `n_evaluation` more; nothing where they are better done without code, or there can be none.
-    pub(crate) fn ask(
+    #[doc(hidden)]
+    pub fn ask(
         &self,
         instead: Instead,
         n_instruction: usize,

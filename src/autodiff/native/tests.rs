@@ -1,9 +1,9 @@
 use super::*;
-use crate::autodiff::columns::{BLOCK, LINE};
-use crate::autodiff::custom::{CustomFunction, Operation};
-use crate::autodiff::lanes::{Set, with_set};
-use crate::autodiff::program::{Action, CallOf, Callee, Instruction, Op, Program, Tape, Value, ValueForm};
-use crate::rng::{Purpose, Stream};
+use crate::columns::{BLOCK, LINE};
+use crate::custom::{CustomFunction, Operation};
+use crate::lanes::{Set, with_set};
+use crate::program::{Action, CallOf, Callee, Instruction, Op, Program, Tape, Value, ValueForm};
+use rng::{Purpose, Stream};
 use std::sync::Arc;
 
 /// y = (x₀ − 2x₁, x₁/x₀, 3): in `f64`, as custom functions are.

@@ -2,8 +2,8 @@
 
 use super::runs::{Run, Sum};
 use super::{BLOCK, BlockWorkspace, Body, Call, Called, Interpreter, Op, Placed, Program, apply};
-use crate::autodiff::custom::{Operation, Points};
-use crate::autodiff::lanes::{Kernel, Lanes};
+use crate::custom::{Operation, Points};
+use crate::lanes::{Kernel, Lanes};
 use std::cell::Cell;
 
 /// One evaluation of the first `n` environments, for the dispatcher.

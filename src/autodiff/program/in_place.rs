@@ -1,15 +1,16 @@
 //! A program over blocks that writes results over its arguments: what advances a state copies nothing.
 
 use super::{BLOCK, BlockWorkspace, Program};
-use crate::autodiff::columns::Lines;
-use crate::autodiff::native::policy::{Instead, OnDemand};
-use crate::autodiff::native::{Code, Layout, Place, Rows, WhyInterpreted, code};
+use crate::columns::Lines;
+use crate::native::policy::{Instead, OnDemand};
+use crate::native::{Code, Layout, Place, Rows, WhyInterpreted, code};
 
 type Row = [f32; BLOCK];
 
 /// A program whose arguments are the rows of a first array, in order, and whose results go to places in it and in a second one.
 #[derive(Debug)]
-pub(crate) struct InPlace {
+#[doc(hidden)]
+pub struct InPlace {
     program: Program,
     /// Why not: results share a place, or are too far.
     layout: Result<Layout, WhyInterpreted>,
@@ -19,25 +20,29 @@ pub(crate) struct InPlace {
 
 /// What an [`InPlace`] needs; made once, reused without allocation.
 #[derive(Debug)]
-pub(crate) enum InPlaceWork {
+#[doc(hidden)]
+pub enum InPlaceWork {
     Native(Code, Lines),
     /// With the results before they go to their places.
     Interpreted(Box<BlockWorkspace>, Vec<Row>),
 }
 
 impl InPlace {
-    pub(crate) fn new(program: Program, results: Vec<Place>) -> Self {
+    #[doc(hidden)]
+    pub fn new(program: Program, results: Vec<Place>) -> Self {
         let arguments = (0..program.n_input() as u32).map(|row| Place { array: 0, row }).collect();
         let layout = Layout::new(arguments, results.clone()).map_err(|_| WhyInterpreted::TooLarge);
         Self { program, layout, results, code: OnDemand::default() }
     }
 
-    pub(crate) fn program(&self) -> &Program {
+    #[doc(hidden)]
+    pub fn program(&self) -> &Program {
         &self.program
     }
 
     /// Machine code where so many evaluations, with those that were asked for before, are worth it.
-    pub(crate) fn work_for(&self, n_evaluation: u64) -> InPlaceWork {
+    #[doc(hidden)]
+    pub fn work_for(&self, n_evaluation: u64) -> InPlaceWork {
         let make = || code::<Row>(self.program.arranged(), self.layout.as_ref().map_err(|why| *why)?);
         match self.code.ask(Instead::InterpretedBlock, self.program.len(), n_evaluation, make) {
             Some(code) => InPlaceWork::Native(code.clone(), code.slots()),
@@ -52,7 +57,8 @@ impl InPlace {
     ///
     /// # Panics
     /// If an array has too few rows, or `work` is of another program.
-    pub(crate) fn evaluate(&self, n: usize, work: &mut InPlaceWork, first: &mut [Row], second: &mut [Row]) {
+    #[doc(hidden)]
+    pub fn evaluate(&self, n: usize, work: &mut InPlaceWork, first: &mut [Row], second: &mut [Row]) {
         if n == 0 {
             return;
         }
@@ -75,7 +81,7 @@ impl InPlace {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::autodiff::{Recording, Scalar, Trace};
+    use crate::{Recording, Scalar, Trace};
 
     /// (x, v, a) → (x⁺, v⁺), and the energy apart.
     #[test]
@@ -94,7 +100,7 @@ mod tests {
         };
         let [few, many] = [1, 1 << 40].map(|n| own.work_for(n));
         assert!(matches!(few, InPlaceWork::Interpreted(..)));
-        assert_eq!(matches!(many, InPlaceWork::Native(..)), crate::autodiff::native::availability().is_ok());
+        assert_eq!(matches!(many, InPlaceWork::Native(..)), crate::native::availability().is_ok());
         let [few, many] = [few, many].map(|mut work| fly(&mut work));
         assert!(few == many && few[..64] != few[64..128]);
     }

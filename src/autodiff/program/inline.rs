@@ -1,7 +1,7 @@
 //! Which functions are called, and which are computed where they are called. Bits do not depend on it: fusions were decided inside.
 
 use super::value::{Action, CallOf, Callee, Instruction, Op, Value, ValueForm};
-use crate::autodiff::quick::QuickMap;
+use crate::quick::QuickMap;
 use std::collections::HashMap;
 use std::sync::Arc;
 

@@ -1,7 +1,7 @@
 //! From a recorded graph to values: dead nodes dropped, products fused into sums, comparisons into selections.
 
 use super::value::{Action, CallOf, Callee, Instruction, Op, Tape, Value, ValueForm};
-use crate::autodiff::trace::{self, Arithmetic, Node, Recording};
+use crate::trace::{self, Arithmetic, Node, Recording};
 use std::collections::HashMap;
 
 /// From a graph to values.

@@ -6,8 +6,8 @@
 //! lanes that round as `f64` does, and over blocks of environments in `block.rs`, where ±a·b is not rounded.
 
 use super::{Op, Placed, Storage, apply};
-use crate::autodiff::columns::LINE;
-use crate::autodiff::lanes::{Kernel, Lanes, dispatch};
+use crate::columns::LINE;
+use crate::lanes::{Kernel, Lanes, dispatch};
 use std::hint::select_unpredictable;
 
 /// Instructions in order, grouped.

@@ -1,12 +1,12 @@
 use super::super::trace::Trace;
 use super::*;
-use crate::autodiff::Mask;
-use crate::autodiff::columns::LINE;
-use crate::autodiff::jet::Jet;
-use crate::autodiff::lanes::{Set, instruction_set, with_set};
-use crate::rng::{Purpose, Stream};
+use crate::Mask;
+use crate::columns::LINE;
+use crate::jet::Jet;
+use crate::lanes::{Set, instruction_set, with_set};
 use nalgebra::Const;
 use num_dual::{Derivative, Dual64, DualSVec64, HyperDual64};
+use rng::{Purpose, Stream};
 
 fn compiled(n_input: usize, f: impl FnOnce(&[Trace]) -> Vec<Trace>) -> (Recording, Program) {
     let recording = Recording::of(n_input, f);

@@ -4,8 +4,8 @@
 //! sums is decided here, so that whoever runs the form computes the same bits.
 
 use super::plan::Planner;
-use crate::autodiff::custom::Operation;
-use crate::autodiff::trace::Recording;
+use crate::custom::Operation;
+use crate::trace::Recording;
 use std::collections::HashSet;
 use std::fmt;
 use std::hash::{Hash, Hasher};
@@ -201,6 +201,7 @@ pub struct CallOf {
 /// A program as read-only values.
 ///
 /// ```
+/// # use omnidrones_autodiff::omnidrones;
 /// use omnidrones::autodiff::{Program, Recording, Scalar};
 ///
 /// let recording = Recording::of(3, |z| vec![z[0] * z[1] + z[2].sqrt(), z[2]]);

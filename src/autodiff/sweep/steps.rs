@@ -1,10 +1,10 @@
 //! Reverse sweeps along a rollout as machine code: weights of eight steps side by side, then one step after the other.
 
 use super::Sweep;
-use crate::autodiff::columns::{LINE, Lines};
-use crate::autodiff::native::policy::MAX_SIDE_BY_SIDE;
-use crate::autodiff::native::{Code, Layout, Place, Rows, WhyInterpreted, code};
-use crate::autodiff::program::{Action, Instruction, Program, Source, Tape, Value, ValueForm};
+use crate::columns::{LINE, Lines};
+use crate::native::policy::MAX_SIDE_BY_SIDE;
+use crate::native::{Code, Layout, Place, Rows, WhyInterpreted, code};
+use crate::program::{Action, Instruction, Program, Source, Tape, Value, ValueForm};
 use std::sync::Arc;
 
 /// Machine code of a step's [x, u, θ], [λ⁺, 1] → [x̄, ū, θ̄].

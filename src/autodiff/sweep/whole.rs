@@ -1,13 +1,13 @@
 //! A Jacobian as one machine code over lanes, of which each is a row.
 
 use super::Sweep;
-use crate::autodiff::columns::{LINE, Lines};
-use crate::autodiff::lanes::{Kernel, Lanes, dispatch, lane_width};
-use crate::autodiff::native::policy::MAX_WHOLE;
-use crate::autodiff::native::{Code, Layout, Place, Rows, availability, code};
-use crate::autodiff::program::{Program, Value, ValueForm};
-use crate::autodiff::trace::chain::{Chain, Head};
-use crate::error::Result;
+use crate::columns::{LINE, Lines};
+use crate::lanes::{Kernel, Lanes, dispatch, lane_width};
+use crate::native::policy::MAX_WHOLE;
+use crate::native::{Code, Layout, Place, Rows, availability, code};
+use crate::program::{Program, Value, ValueForm};
+use crate::trace::chain::{Chain, Head};
+use base::error::Result;
 use std::sync::Arc;
 
 /// Machine code, and the rows that it works on: x, the same in every lane; a seed per lane; then what it makes.

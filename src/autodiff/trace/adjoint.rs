@@ -7,8 +7,8 @@
 use super::function::{Function, Section};
 use super::graph::{Call, Callee, Node};
 use super::{Recording, Trace, TraceMask, inputs, new_results_of, own, push, push_call, record, results_of};
-use crate::autodiff::program::Tape;
-use crate::autodiff::scalar::Scalar;
+use crate::program::Tape;
+use crate::scalar::Scalar;
 use std::collections::HashMap;
 use std::ops::Range;
 use std::sync::Arc;
@@ -60,7 +60,8 @@ impl Recording {
 
     /// As [`Recording::adjoint`] where the seeds of other results than `seeded` are zero: they stay inputs, and what only
     /// they need falls away.
-    pub(crate) fn adjoint_of(&self, seeded: impl Fn(usize) -> bool, with_respect_to: Range<usize>) -> Self {
+    #[doc(hidden)]
+    pub fn adjoint_of(&self, seeded: impl Fn(usize) -> bool, with_respect_to: Range<usize>) -> Self {
         let seeded: Vec<bool> = (0..self.outputs.len()).map(seeded).collect();
         let wanted: Vec<bool> = (0..self.n_input).map(|k| with_respect_to.contains(&k)).collect();
         self.taped(&seeded, &wanted).adjoint(&seeded, places(with_respect_to))

@@ -9,7 +9,7 @@
 use super::adjoint::{input_nodes, places, pull_back};
 use super::graph::Place;
 use super::{Recording, Trace, own, record};
-use crate::autodiff::scalar::Scalar;
+use crate::scalar::Scalar;
 use std::collections::{BinaryHeap, HashMap};
 use std::ops::Range;
 

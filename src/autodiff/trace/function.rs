@@ -6,8 +6,8 @@
 use super::adjoint::Adjoint;
 use super::graph::{Call, Callee, Graph, Node, end_function};
 use super::{Recording, Trace, own, push, results_of};
-use crate::autodiff::once::made_once;
-use crate::autodiff::program::{Tape, ValueForm};
+use crate::once::made_once;
+use crate::program::{Tape, ValueForm};
 use std::cell::RefCell;
 use std::collections::HashMap;
 use std::fmt;
@@ -206,7 +206,8 @@ impl Recording {
     }
 
     /// The same function of the inputs that its results depend on, and which those are.
-    pub(crate) fn of_used_inputs(&self) -> (Self, Vec<usize>) {
+    #[doc(hidden)]
+    pub fn of_used_inputs(&self) -> (Self, Vec<usize>) {
         let needed = self.between(&[], &self.outputs);
         let of_input = |(i, node): (usize, &Node)| match node {
             Node::Input(k) if needed[i] => Some((i as u32, *k as usize)),

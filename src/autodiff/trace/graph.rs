@@ -3,8 +3,8 @@
 //! A function is recorded on a graph of its own, above that of its caller. What it reads of the caller's numbers becomes its inputs.
 
 use super::function::Function;
-use crate::autodiff::custom::Operation;
-use crate::autodiff::quick::QuickMap;
+use crate::custom::Operation;
+use crate::quick::QuickMap;
 use std::cell::RefCell;
 use std::collections::HashMap;
 use std::sync::Arc;

@@ -2,7 +2,7 @@
 
 use super::Recording;
 use super::graph::{Call, Callee, Node};
-use crate::autodiff::{Mask, Scalar};
+use crate::{Mask, Scalar};
 
 /// What a node came to.
 #[derive(Clone, Copy)]

@@ -8,7 +8,7 @@
 //! Nocedal and Wright (2006), algorithm 16.3, for bounds; freeing several inputs at once in early steps follows
 //! Bertsekas (1982). Härkegård (2002) is the method's use for control allocation.
 
-use crate::autodiff::{Mask, Scalar};
+use autodiff::{Mask, Scalar};
 
 /// Infinite bounds as the kernel sees them.
 pub const FAR: f64 = 1e18;

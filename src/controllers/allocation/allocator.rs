@@ -11,8 +11,8 @@ use super::gradient::AllocationSensitivity;
 use super::problem::{Problem, Scales, WRENCH, rate_window};
 use super::residual::residual;
 use super::variation::Variation;
-use crate::defaults::with_defaults;
-use crate::error::{Error, Result, finite};
+use base::defaults::with_defaults;
+use base::error::{Error, Result, finite};
 
 /// Most Newton steps on an interior point: each doubles its digits.
 const POLISHES: usize = 3;

@@ -1,8 +1,8 @@
 //! What the rotors of an articulated system can do in its present shape.
 
 use super::problem::WRENCH;
-use crate::dynamics::spatial::{Vec3, add, axpy, cross, mat_vec, rotate_back, scale, sub};
-use crate::dynamics::tree::{Motion, Multibody, Pose, body_poses, center_of_mass};
+use dynamics::spatial::{Vec3, add, axpy, cross, mat_vec, rotate_back, scale, sub};
+use dynamics::tree::{Motion, Multibody, Pose, body_poses, center_of_mass};
 use nalgebra::DMatrix;
 
 /// B, 6 × n: the wrench `[force; moment]` of each rotor per newton of its thrust, about the instantaneous centre of mass,
@@ -48,7 +48,7 @@ pub(crate) fn composite_inertia_at(system: &Multibody, state: &[f64], poses: &[P
             let mut unit = [0.0; 3];
             unit[k] = 1.0;
             // J e = R J_own Rᵀ e + m r × (e × r)
-            let world = crate::dynamics::spatial::rotate(root, unit);
+            let world = dynamics::spatial::rotate(root, unit);
             let local = [0, 1, 2].map(|j| (0..3).map(|i| pose.rotation[i][j] * world[i]).sum::<f64>());
             let turned = nalgebra::Vector3::from(local);
             let own: Vec3<f64> = (body.inertia.matrix() * turned).into();
@@ -126,12 +126,12 @@ pub(crate) fn put(matrix: &mut DMatrix<f64>, j: usize, force: Vec3<f64>, moment:
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dynamics::assembly::single;
-    use crate::dynamics::configurations;
-    use crate::dynamics::rotor::holding_action;
-    use crate::dynamics::spatial::{from_euler, rotate};
-    use crate::dynamics::tree::{Model, Motion, momentum};
-    use crate::dynamics::{Effects, Physics, vehicles};
+    use dynamics::assembly::single;
+    use dynamics::configurations;
+    use dynamics::rotor::holding_action;
+    use dynamics::spatial::{from_euler, rotate};
+    use dynamics::tree::{Model, Motion, momentum};
+    use dynamics::{Effects, Physics, vehicles};
 
     fn bare(model: &Model) -> Multibody {
         Multibody::new(model, Physics { effects: Effects::none(), ..Physics::default() }).unwrap()

@@ -19,8 +19,8 @@
 
 use super::problem::{Problem, WRENCH};
 use super::{Axis, characteristic_length};
-use crate::dynamics::authority::Rows;
-use crate::error::{Error, Result};
+use base::error::{Error, Result};
+use dynamics::authority::Rows;
 use std::fmt;
 
 /// Most choices of generators that are enumerated: 26 inputs in six rows, 85 in four.
@@ -226,7 +226,7 @@ impl WrenchMargin {
     /// # Errors
     /// [`Error::Value`] if the wrench is not finite.
     pub fn within(problem: &Problem, set: &AttainableWrenches, wrench: &[f64; WRENCH]) -> Result<Self> {
-        crate::error::finite("reach: wrench", wrench)?;
+        base::error::finite("reach: wrench", wrench)?;
         let mut geometry = problem.geometry.clone();
         for j in 0..problem.n_input() {
             if problem.upper[j] <= problem.lower[j] {

@@ -6,11 +6,11 @@
 
 use super::active_set::{BoxProgram, FAR, Factor, Iterate, Precision};
 use super::problem::{Problem, WRENCH};
-use crate::autodiff::lanes::{Lanes, RegisterKernel, each_register};
-use crate::autodiff::safe;
-use crate::error::{Error, Result};
-use crate::memory::Request;
-use crate::parallel::Threads;
+use autodiff::lanes::{Lanes, RegisterKernel, each_register};
+use autodiff::safe;
+use base::error::{Error, Result};
+use base::memory::Request;
+use base::parallel::Threads;
 
 /// Environments per block.
 const BLOCK: usize = 64;

@@ -4,7 +4,7 @@
 //! warm start; the structure is set up once and only numbers change from tick to tick.
 
 use super::problem::{Problem, WRENCH};
-use crate::error::{Error, Result};
+use base::error::{Error, Result};
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, SolverStatus, SupportedConeT};
 use std::collections::BTreeMap;

@@ -12,9 +12,9 @@ use super::Axis;
 use super::attainable_wrench::{AttainableWrenches, WrenchMargin};
 use super::problem::{Problem, WRENCH};
 use super::spin::{ROOM, Spin};
-pub use crate::dynamics::plant::damaged;
-use crate::dynamics::{GRAVITY, Vehicle};
-use crate::error::{Error, Result};
+use base::error::{Error, Result};
+pub use dynamics::plant::damaged;
+use dynamics::{GRAVITY, Vehicle};
 use serde::{Deserialize, Serialize};
 
 /// Least margin that counts, as a share of the weight: published rotor positions are rounded by more.

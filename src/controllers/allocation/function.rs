@@ -5,11 +5,11 @@ use super::fast::MAX_FAST;
 use super::problem::{Problem, WRENCH};
 use super::side_by_side::{Eight, SideBySide};
 use super::variation::Variation;
-use crate::autodiff::columns::LINE;
-use crate::autodiff::custom::reverse_at;
-use crate::autodiff::native::policy::{Instead, OnDemand};
-use crate::autodiff::{CustomFunction, Operation, Points, Scalar};
-use crate::error::{Error, Result};
+use autodiff::columns::LINE;
+use autodiff::custom::reverse_at;
+use autodiff::native::policy::{Instead, OnDemand};
+use autodiff::{CustomFunction, Operation, Points, Scalar};
+use base::error::{Error, Result};
 use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -23,6 +23,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// the wrench, eight answers are found side by side by machine code, which is made when enough were asked for; their bits are the same.
 ///
 /// ```
+/// # use omnidrones_controllers::omnidrones;
 /// use omnidrones::autodiff::Scalar;
 /// use omnidrones::controllers::allocation::{AllocationFunction, Problem};
 /// use omnidrones::dynamics::vehicles;

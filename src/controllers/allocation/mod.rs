@@ -39,11 +39,11 @@ mod side_by_side;
 pub(crate) mod spin;
 pub(crate) mod variation;
 
-pub use crate::dynamics::authority::{Authority, Axis, characteristic_length};
 pub use allocator::{AllocationSolution, Allocator, Counts, Reason, Settings, Solver};
 pub use articulated::{composite_inertia, resistance, wrench_matrix};
 pub use attainable_wrench::{AttainableWrenches, Facet, Margin, WrenchMargin};
 pub use batch::{BatchAllocator, BatchReport};
+pub use dynamics::authority::{Authority, Axis, characteristic_length};
 pub use failure::{Assessment, Capability, FailureTable, RotorFailure};
 pub use function::AllocationFunction;
 pub use gradient::AllocationSensitivity;

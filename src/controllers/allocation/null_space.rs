@@ -11,8 +11,8 @@
 
 use super::allocator::{Allocator, Counts, Solver};
 use super::problem::{Problem, SWEEPS, WRENCH};
-use crate::controllers::controller::Note;
-use crate::error::Result;
+use crate::controller::Note;
+use base::error::Result;
 use nalgebra::{DMatrix, DVector, SVector};
 
 /// Weakest direction of a wrench, over the strongest, that inputs are spent on.

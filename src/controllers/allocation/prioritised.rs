@@ -7,7 +7,7 @@
 
 use super::allocator::{AllocationSolution, Allocator, Reason, Solver};
 use super::problem::{Problem, WRENCH};
-use crate::error::{Error, Result};
+use base::error::{Error, Result};
 
 /// Weight of rows that must be kept, over their own.
 const FIRMNESS: f64 = 1e3;

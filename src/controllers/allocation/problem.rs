@@ -9,8 +9,8 @@
 //! unique, so that it has derivatives.
 
 use super::characteristic_length;
-use crate::dynamics::Vehicle;
-use crate::error::{Error, Result, finite};
+use base::error::{Error, Result, finite};
+use dynamics::Vehicle;
 use nalgebra::{DMatrix, DVector};
 use std::fmt::Display;
 

@@ -1,12 +1,12 @@
 //! The mixer: least thrusts that make a wrench.
 
 use super::{Authority, Axis};
-use crate::autodiff::Scalar;
-use crate::dynamics::authority::{RANK_TOLERANCE, decompose};
-use crate::dynamics::rotor::thrust_action;
-use crate::dynamics::spatial::dot;
-use crate::dynamics::{GRAVITY, Vehicle};
-use crate::error::{Error, Result};
+use autodiff::Scalar;
+use base::error::{Error, Result};
+use dynamics::authority::{RANK_TOLERANCE, decompose};
+use dynamics::rotor::thrust_action;
+use dynamics::spatial::dot;
+use dynamics::{GRAVITY, Vehicle};
 
 /// Thrusts nearer than this share of T_max are the same: rounding differs by 1e-15.
 const SAME: f64 = 1e-9;
@@ -146,7 +146,7 @@ pub fn thrust_to_command<S: Scalar, const R: usize>(thrusts: &[S; R], max_thrust
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::controllers::cascade::tests::{crazyflie, firefly, hummingbird, rotor};
+    use crate::cascade::tests::{crazyflie, firefly, hummingbird, rotor};
 
     fn assert_mixer(vehicle: &Vehicle, golden: &[[f64; 4]]) {
         let mixer = Mixer::new(vehicle).unwrap();

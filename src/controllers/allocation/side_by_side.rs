@@ -7,9 +7,9 @@
 use super::active_set::{BoxProgram, FAR, Factor, Iterate, Precision};
 use super::fast::{Fast, MAX_FAST, MAX_STEPS};
 use super::problem::{LOOSE, Problem, WRENCH};
-use crate::autodiff::columns::{LINE, Lines};
-use crate::autodiff::native::{Executable, Layout, Place, Rows, WhyInterpreted, Work};
-use crate::autodiff::{Mask, Points, Program, Recording, Scalar, Trace};
+use autodiff::columns::{LINE, Lines};
+use autodiff::native::{Executable, Layout, Place, Rows, WhyInterpreted, Work};
+use autodiff::{Mask, Points, Program, Recording, Scalar, Trace};
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -422,10 +422,10 @@ mod tests {
     use super::super::function::AllocationFunction;
     use super::super::variation::Variation;
     use super::*;
-    use crate::autodiff::native::availability;
-    use crate::autodiff::program::BLOCK;
-    use crate::dynamics::vehicles;
-    use crate::rng::{Purpose, Stream};
+    use autodiff::native::availability;
+    use autodiff::program::BLOCK;
+    use dynamics::vehicles;
+    use rng::{Purpose, Stream};
 
     /// Wrenches of all sizes, some not finite, around what half of all thrusts deliver.
     fn wrenches(problem: &Problem, stream: &mut Stream) -> [[f32; BLOCK]; WRENCH] {

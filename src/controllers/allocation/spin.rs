@@ -19,8 +19,8 @@
 use super::allocator::Allocator;
 use super::attainable_wrench::{AttainableWrenches, WrenchMargin};
 use super::problem::{Problem, WRENCH};
-use crate::dynamics::spatial::Vec3;
-use crate::error::Result;
+use base::error::Result;
+use dynamics::spatial::Vec3;
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 /// Sine of the angle between n and body z.

@@ -1,12 +1,12 @@
 //! Claims about the whole cascade, on vehicles built from the published numbers.
 
-use crate::autodiff::jet::Jet;
-use crate::controllers::attitude::attitude_error;
-use crate::controllers::reference::Lemniscate;
-use crate::controllers::velocity::{attitude_command, desired_attitude, limit_force};
-use crate::controllers::*;
-use crate::dynamics::spatial::*;
-use crate::dynamics::{Drag, Gains, Inertia, Part, Rotor, Vehicle};
+use crate::attitude::attitude_error;
+use crate::reference::Lemniscate;
+use crate::velocity::{attitude_command, desired_attitude, limit_force};
+use crate::*;
+use autodiff::jet::Jet;
+use dynamics::spatial::*;
+use dynamics::{Drag, Gains, Inertia, Part, Rotor, Vehicle};
 
 const ONCE: [f64; 3] = [1.0; 3];
 const G: f64 = 9.81;

@@ -11,12 +11,12 @@
 //! Unreduced, A carries a direction per quaternion that its norm forbids, which no input reaches: a Riccati equation
 //! has no use for it. For unit quaternions E⁺ = 4 Eᵀ in that block.
 
-use crate::autodiff::{Linearisation, System, linearise};
-use crate::controllers::linear::{Signal, StateSpace};
-use crate::dynamics::spatial::{Quat, conjugate, exponential, multiply};
-use crate::dynamics::tree::{Motion, Multibody};
-use crate::dynamics::{Plant, Quantity};
-use crate::error::{Error, Result};
+use crate::linear::{Signal, StateSpace};
+use autodiff::{Linearisation, System, linearise};
+use base::error::{Error, Result};
+use dynamics::spatial::{Quat, conjugate, exponential, multiply};
+use dynamics::tree::{Motion, Multibody};
+use dynamics::{Plant, Quantity};
 use nalgebra::{DMatrix, DVector};
 
 /// Where unit quaternions stand in a state.
@@ -67,8 +67,8 @@ impl ErrorState {
         }
     }
 
-    /// For a state that begins with the 13 numbers of a rigid vehicle: a [`Multirotor`](crate::dynamics::Multirotor), a
-    /// [`ClosedLoop`](crate::controllers::ClosedLoop).
+    /// For a state that begins with the 13 numbers of a rigid vehicle: a [`Multirotor`](dynamics::Multirotor), a
+    /// [`ClosedLoop`](crate::ClosedLoop).
     ///
     /// # Errors
     /// [`Error::Value`] for fewer than ten numbers.

@@ -6,9 +6,9 @@
 //! flown with a fixed heading.
 
 use super::trim::{TrimTarget, trim};
-use crate::controllers::reference::{Circle, Reference};
-use crate::dynamics::{Physics, Plant, Vehicle};
-use crate::error::{Error, Result};
+use crate::reference::{Circle, Reference};
+use base::error::{Error, Result};
+use dynamics::{Physics, Plant, Vehicle};
 use serde::{Deserialize, Serialize};
 
 /// Which circles.

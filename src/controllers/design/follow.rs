@@ -12,7 +12,7 @@
 //!
 //! Source: Francis 1977 (the regulator equations).
 
-use crate::error::{Error, Result};
+use base::error::{Error, Result};
 use nalgebra::DMatrix;
 
 /// State and input along a reference.

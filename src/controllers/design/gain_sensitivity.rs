@@ -1,15 +1,15 @@
 //! How the tracking error of one whole flight depends on each gain: one reverse sweep through every step of it.
 
 use super::tuned_loop::{LogGains, MeanSquaredError, VehicleLoop};
-use crate::autodiff::{Gradient, Rollout, System};
-use crate::controllers::closed_loop::ClosedLoop;
-use crate::controllers::controller::Target;
-use crate::controllers::flight::FlightPlan;
-use crate::controllers::start::start_on;
-use crate::dynamics::aero::wind::{Wind, WindState};
-use crate::dynamics::{Disturbance, Gains, Vehicle};
-use crate::error::{Error, Result};
-use crate::rng::{Purpose, Stream};
+use crate::closed_loop::ClosedLoop;
+use crate::controller::Target;
+use crate::flight::FlightPlan;
+use crate::start::start_on;
+use autodiff::{Gradient, Rollout, System};
+use base::error::{Error, Result};
+use dynamics::aero::wind::{Wind, WindState};
+use dynamics::{Disturbance, Gains, Vehicle};
+use rng::{Purpose, Stream};
 use serde::Serialize;
 
 /// Longest flight that is differentiated, in steps: its inputs are held in memory.
@@ -43,7 +43,7 @@ pub fn sensitivity(vehicle: &Vehicle, gains: &Gains, plan: &FlightPlan) -> Resul
     let own = ClosedLoop::of_vehicle(vehicle, plan.air_physics(), gains, &plan.rates)?.with_latency(plan.latency)?;
     let system = LogGains::new(own);
     let theta: Vec<f64> = system.gains().iter().map(|k| k.ln()).collect();
-    crate::error::finite("logarithm of gain", &theta)?;
+    base::error::finite("logarithm of gain", &theta)?;
     let state =
         system.closed.initial_state(&start_on(system.closed.plant(), system.closed.controller(), &plan.reference)?);
     let inputs = inputs(&system.closed, plan, steps)?;

@@ -3,18 +3,18 @@
 use super::margin_gate::truth;
 use super::plan::TunePlan;
 use super::tuned_loop::{HELD_OUT, MeanSquaredError, VehicleLoop, inputs, plant_of, starts};
-use crate::autodiff::System;
-use crate::autodiff::rollout::{Forward, StepCode, advance};
-use crate::controllers::cascade_law::CascadeLaw;
-use crate::controllers::closed_loop::ClosedLoop;
-use crate::controllers::controller::Target;
-use crate::controllers::monte_carlo::{MonteCarlo, MonteCarloDraw, MonteCarloResult};
-use crate::controllers::reference::Reference;
-use crate::controllers::start::start_on;
-use crate::dynamics::{Gains, Plant, Vehicle};
-use crate::error::Result;
-use crate::parallel::Threads;
-use crate::rng::Stream;
+use crate::cascade_law::CascadeLaw;
+use crate::closed_loop::ClosedLoop;
+use crate::controller::Target;
+use crate::monte_carlo::{MonteCarlo, MonteCarloDraw, MonteCarloResult};
+use crate::reference::Reference;
+use crate::start::start_on;
+use autodiff::System;
+use autodiff::rollout::{Forward, StepCode, advance};
+use base::error::Result;
+use base::parallel::Threads;
+use dynamics::{Gains, Plant, Vehicle};
+use rng::Stream;
 use serde::Serialize;
 
 /// Flights with one set of gains.
@@ -158,8 +158,8 @@ fn flight_rmse(system: &VehicleLoop, mut code: Option<Forward>, start: &[f64], i
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::autodiff::native::availability;
-    use crate::dynamics::vehicles;
+    use autodiff::native::availability;
+    use dynamics::vehicles;
 
     #[test]
     fn a_flight_has_the_same_error_to_the_bit_by_code_of_its_step() {

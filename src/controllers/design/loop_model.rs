@@ -8,19 +8,19 @@
 //! Source: Bittanti and Colaneri 2009, section 6.2 (lifting).
 
 use super::error_state::ErrorState;
-use crate::autodiff::rollout::{StepCode, advance};
-use crate::autodiff::{Objective, Scalar, System, linearise};
-use crate::controllers::CascadeLaw;
-use crate::controllers::closed_loop::ClosedLoop;
-use crate::controllers::controller::Target;
-use crate::controllers::law::{ControlLaw, Running};
-use crate::controllers::linear::dense::{Complexes, complex_spectral_radius};
-use crate::controllers::linear::disk::{bound_at, disk_margin_of, folded_disk_margin_of};
-use crate::controllers::linear::state_space::{beside, stacked};
-use crate::controllers::linear::swept::Swept;
-use crate::controllers::linear::{DiskMargin, Signal, StateSpace, eigenvalues, minimal, spectral_radius};
-use crate::dynamics::Disturbance;
-use crate::error::{Error, Result};
+use crate::CascadeLaw;
+use crate::closed_loop::ClosedLoop;
+use crate::controller::Target;
+use crate::law::{ControlLaw, Running};
+use crate::linear::dense::{Complexes, complex_spectral_radius};
+use crate::linear::disk::{bound_at, disk_margin_of, folded_disk_margin_of};
+use crate::linear::state_space::{beside, stacked};
+use crate::linear::swept::Swept;
+use crate::linear::{DiskMargin, Signal, StateSpace, eigenvalues, minimal, spectral_radius};
+use autodiff::rollout::{StepCode, advance};
+use autodiff::{Objective, Scalar, System, linearise};
+use base::error::{Error, Result};
+use dynamics::Disturbance;
 use nalgebra::{Complex, ComplexField, DMatrix};
 use num_dual::Dual64;
 use serde::Serialize;

@@ -13,9 +13,9 @@
 //! Source: Anderson and Moore 1990, sections 2 and 4.
 
 use super::riccati;
-use crate::controllers::linear::structure::Staircase;
-use crate::controllers::linear::{Signal, eigenvalues};
-use crate::error::{Error, Result};
+use crate::linear::structure::Staircase;
+use crate::linear::{Signal, eigenvalues};
+use base::error::{Error, Result};
 use nalgebra::{Complex, DMatrix};
 
 /// An optimal feedback.

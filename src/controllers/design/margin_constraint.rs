@@ -4,9 +4,9 @@
 use super::margin_gate::{Corner, Flown, MarginGate};
 use super::plan::TunePlan;
 use super::tuned_loop::gains_of;
-use crate::dynamics::{Gains, Vehicle};
-use crate::error::Result;
-use crate::parallel::Threads;
+use base::error::Result;
+use base::parallel::Threads;
+use dynamics::{Gains, Vehicle};
 
 /// A gate as a part of the descent.
 pub(super) struct Constraint<'a> {

@@ -9,15 +9,15 @@
 use super::loop_model::{LoopMargins, LoopModel, Point};
 use super::stability::Stability;
 use super::trim::{Trim, TrimTarget, trim};
-use crate::controllers::cascade::Rates;
-use crate::controllers::cascade_law::CascadeLaw;
-use crate::controllers::closed_loop::ClosedLoop;
-use crate::controllers::controller::Target;
-use crate::controllers::reference::{Hover, Reference};
-use crate::dynamics::{Disturbance, Gains, Physics, Plant, Vehicle};
-use crate::error::{Error, Result};
-use crate::parallel::Threads;
-use crate::rng::Stream;
+use crate::cascade::Rates;
+use crate::cascade_law::CascadeLaw;
+use crate::closed_loop::ClosedLoop;
+use crate::controller::Target;
+use crate::reference::{Hover, Reference};
+use base::error::{Error, Result};
+use base::parallel::Threads;
+use dynamics::{Disturbance, Gains, Physics, Plant, Vehicle};
+use rng::Stream;
 use serde::{Deserialize, Serialize};
 
 /// What is asked.
@@ -278,7 +278,8 @@ impl<'a> Flown<'a> {
 }
 
 /// The vehicle with mass, inertia, lag and centre of mass of a corner.
-pub(crate) fn truth(vehicle: &Vehicle, corner: &Corner) -> Vehicle {
+#[doc(hidden)]
+pub fn truth(vehicle: &Vehicle, corner: &Corner) -> Vehicle {
     let mut truth = vehicle.clone();
     let center: [f64; 3] = vehicle.mass_properties().center_of_mass.into();
     // what the distance of a part adds to the inertia goes with its mass too

@@ -41,7 +41,8 @@ pub use follow::{Following, follow};
 pub use gain_sensitivity::{GainSensitivity, sensitivity};
 pub use loop_model::{LoopMargins, LoopModel, Point};
 pub use lqr::{FiniteHorizon, Regulator, bryson, finite_horizon, lqi, lqi_of, lqr, lqr_of};
-pub(crate) use margin_gate::truth;
+#[doc(hidden)]
+pub use margin_gate::truth;
 pub use margin_gate::{Corner, Flaw, Judgement, MarginGate};
 pub use robustness::{JudgedPlant, PlantBox, Robustness};
 pub use stability::Stability;

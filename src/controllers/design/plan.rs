@@ -1,11 +1,11 @@
 //! What gains are tuned on.
 
 use super::margin_gate::MarginGate;
-use crate::controllers::cascade::Rates;
-use crate::controllers::closed_loop::check_latency;
-use crate::controllers::reference::Reference;
-use crate::dynamics::Physics;
-use crate::error::{Error, Result};
+use crate::cascade::Rates;
+use crate::closed_loop::check_latency;
+use crate::reference::Reference;
+use base::error::{Error, Result};
+use dynamics::Physics;
 use serde::{Deserialize, Serialize};
 
 /// What to tune on, and for how long.

@@ -14,7 +14,7 @@
 //!
 //! Source: Chu, Fan, Lin and Wang 2004 (discrete), Chu, Fan and Lin 2005 (Cayley transform of the continuous equation).
 
-use crate::error::{Error, Result};
+use base::error::{Error, Result};
 use nalgebra::{DMatrix, RealField, convert};
 
 /// Most doublings: 2⁶⁰ steps. A loop that needs more does not settle.

@@ -8,13 +8,13 @@
 //! Source: Clopper and Pearson 1934 for the bounds; Torczon 1997 for the search.
 
 use super::margin_gate::{Corner, Flaw, Flown};
-use crate::controllers::cascade::Rates;
-use crate::controllers::cascade_law::CascadeLaw;
-use crate::controllers::confidence::Share;
-use crate::dynamics::{Disturbance, Gains, Physics, Vehicle};
-use crate::error::{Error, Result};
-use crate::parallel::Threads;
-use crate::rng::{Purpose, Stream};
+use crate::cascade::Rates;
+use crate::cascade_law::CascadeLaw;
+use crate::confidence::Share;
+use base::error::{Error, Result};
+use base::parallel::Threads;
+use dynamics::{Disturbance, Gains, Physics, Vehicle};
+use rng::{Purpose, Stream};
 use serde::{Deserialize, Serialize};
 
 /// Which plants.

@@ -2,15 +2,15 @@
 //!
 //! What no command moves, or no command depends on, no gain can settle: there the loop is as the vehicle alone. Its poles are
 //! those of integrators in a row, which rounding moves off the unit circle by as much as 1e-4, either way, so that their modulus
-//! says nothing. They are set apart by [rank](crate::controllers::linear::structure); the other poles are simple ones, and what
+//! says nothing. They are set apart by [rank](crate::linear::structure); the other poles are simple ones, and what
 //! they say holds.
 
 use super::loop_model::LoopModel;
-use crate::controllers::linear::dense::eigenvectors;
-use crate::controllers::linear::eigenvalues;
-use crate::controllers::linear::state_space::blocks;
-use crate::controllers::linear::structure::{ON_CIRCLE, Parts, rounding};
-use crate::error::Result;
+use crate::linear::dense::eigenvectors;
+use crate::linear::eigenvalues;
+use crate::linear::state_space::blocks;
+use crate::linear::structure::{ON_CIRCLE, Parts, rounding};
+use base::error::Result;
 use nalgebra::{Complex, DMatrix};
 use serde::Serialize;
 

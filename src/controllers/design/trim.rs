@@ -12,14 +12,14 @@
 //! norm from hover, commands within their limits; where there are more commands than conditions the answer lies near hover's.
 
 use super::error_state::{ErrorState, quaternion};
-use crate::autodiff::{System, linearise};
-use crate::controllers::HoverAxes;
-use crate::controllers::allocation::Spin;
-use crate::controllers::allocation::failure::{Assessment, Capability};
-use crate::dynamics::rotor::{LEAST_THRUST, holding_action, thrust_action};
-use crate::dynamics::spatial::{Vec3, conjugate, dot, from_euler, multiply, rotate};
-use crate::dynamics::{Disturbance, Physics, Plant, Vehicle};
-use crate::error::{Error, Result};
+use crate::HoverAxes;
+use crate::allocation::Spin;
+use crate::allocation::failure::{Assessment, Capability};
+use autodiff::{System, linearise};
+use base::error::{Error, Result};
+use dynamics::rotor::{LEAST_THRUST, holding_action, thrust_action};
+use dynamics::spatial::{Vec3, conjugate, dot, from_euler, multiply, rotate};
+use dynamics::{Disturbance, Physics, Plant, Vehicle};
 use nalgebra::{DMatrix, DVector};
 
 /// Rates of change that count as none: m/s², rad/s², rad/s, shares of a rotor's speed per second.
@@ -159,9 +159,9 @@ pub fn trim_from(plant: &Plant, target: &TrimTarget, state: &[f64], input: &[f64
 /// Gauss–Newton steps from a state and an input.
 fn search(plant: &Plant, target: &TrimTarget, state: &[f64], input: &[f64], axes: &HoverAxes<f64>) -> Result<Trim> {
     plant.check_state(state)?;
-    crate::error::finite("trim: input", input)?;
+    base::error::finite("trim: input", input)?;
     let given = target.velocity.into_iter().chain(target.tilt).flatten().chain([target.yaw_rate]);
-    crate::error::finite("trim: target", &given.collect::<Vec<_>>())?;
+    base::error::finite("trim: target", &given.collect::<Vec<_>>())?;
     let search = Search::new(plant, target, state, axes)?;
     let mut now = search.begin(state, input);
     let mut left = search.residual(&now).0;

@@ -5,19 +5,19 @@
 
 use super::margin_gate::Corner;
 use super::plan::TunePlan;
-use crate::autodiff::{Objective, Scalar, System};
-use crate::controllers::cascade_law::CascadeLaw;
-use crate::controllers::closed_loop::ClosedLoop;
-use crate::controllers::controller::Target;
-use crate::controllers::hover_axes::HoverAxes;
-use crate::controllers::law::{ControlLaw, Running};
-use crate::controllers::parameters::GainSet;
-use crate::controllers::reference::{Reference, Setpoint};
-use crate::controllers::start::start_on;
-use crate::dynamics::spatial::{add, cross, dot, exponential, from_euler, multiply, rotate_back, scale};
-use crate::dynamics::{Disturbance, GRAVITY, Gains, Vehicle};
-use crate::error::Result;
-use crate::rng::{Purpose, Stream};
+use crate::cascade_law::CascadeLaw;
+use crate::closed_loop::ClosedLoop;
+use crate::controller::Target;
+use crate::hover_axes::HoverAxes;
+use crate::law::{ControlLaw, Running};
+use crate::parameters::GainSet;
+use crate::reference::{Reference, Setpoint};
+use crate::start::start_on;
+use autodiff::{Objective, Scalar, System};
+use base::error::Result;
+use dynamics::spatial::{add, cross, dot, exponential, from_euler, multiply, rotate_back, scale};
+use dynamics::{Disturbance, GRAVITY, Gains, Vehicle};
+use rng::{Purpose, Stream};
 
 /// ‖p − p_ref‖²/T per step.
 pub(super) struct MeanSquaredError {
@@ -198,9 +198,9 @@ fn along(wanted: &Setpoint<f64>) -> ([f64; 4], [f64; 3]) {
 mod tests {
     use super::super::margin_gate::truth;
     use super::*;
-    use crate::controllers::cascade::Rates;
-    use crate::controllers::design::FlightGrid;
-    use crate::dynamics::{Physics, Plant, vehicles};
+    use crate::cascade::Rates;
+    use crate::design::FlightGrid;
+    use dynamics::{Physics, Plant, vehicles};
 
     #[test]
     fn a_plant_of_factors_behind_the_state_moves_as_the_vehicle_that_is_so() {
@@ -238,7 +238,7 @@ mod tests {
         for cell in FlightGrid::default().cells(&vehicle, &Physics::default()).unwrap() {
             let wanted = cell.reference().sample(0.0);
             let start = starts(&closed, &still, &cell.reference(), (TRAINING, 0), 1).unwrap().remove(0);
-            let up = crate::dynamics::spatial::up_axis([6, 7, 8, 9].map(|k| start[k]));
+            let up = dynamics::spatial::up_axis([6, 7, 8, 9].map(|k| start[k]));
             let lean = (cell.acceleration / 9.81).atan();
             assert!((up[2] - lean.cos()).abs() < 1e-12 && start[3..6] == wanted.velocity, "{cell:?}");
             let turning = start[10..13].iter().map(|w| w * w).sum::<f64>().sqrt();

@@ -5,7 +5,7 @@
 //! without end where they all but agree (0.24: a swap that is rejected counts as done), and a search that ended without all
 //! eigenvalues is not told.
 
-use crate::error::{Error, Result};
+use base::error::{Error, Result};
 use faer::diag::Diag;
 use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
 use faer::linalg::evd::{ComputeEigenvectors, EvdParams, evd_cplx, evd_real, evd_scratch};
@@ -206,7 +206,7 @@ fn not_found(what: &str) -> Error {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::{Purpose, Stream};
+    use rng::{Purpose, Stream};
 
     /// A delay of n samples under a weak feedback: λⁿ = ε. All eigenvalues are as large: faer's early deflation swaps pairs of them
     /// for ever.

@@ -13,7 +13,7 @@ use super::norms::{h_infinity, top};
 use super::response::frequencies;
 use super::state_space::StateSpace;
 use super::swept::Swept;
-use crate::error::Result;
+use base::error::Result;
 use nalgebra::{Complex, DMatrix, DVector};
 use serde::Serialize;
 use std::f64::consts::TAU;
@@ -56,7 +56,7 @@ pub fn disk_margin(system: &StateSpace, skew: f64) -> Result<DiskMargin> {
 /// The disk margin of all loops at once: L of as many inputs as outputs, closed with −I.
 ///
 /// # Errors
-/// [`Error::Value`](crate::error::Error::Value) for another shape, or where eigenvalues are not found.
+/// [`Error::Value`](base::error::Error::Value) for another shape, or where eigenvalues are not found.
 pub fn multiloop_disk_margin(system: &StateSpace, skew: f64) -> Result<DiskMargin> {
     let each: Vec<usize> = (0..system.n_input()).collect();
     disk_margin_of(&sensitivity(system)?, &each, skew, true)

@@ -9,7 +9,7 @@ use super::norms::h_infinity;
 use super::response::frequencies;
 use super::state_space::{StateSpace, blocks, one_loop};
 use super::swept::Swept;
-use crate::error::Result;
+use base::error::Result;
 use nalgebra::{Complex, DMatrix};
 use std::f64::consts::TAU;
 
@@ -46,7 +46,7 @@ pub struct Margins {
 /// The margins of `system`, one input and one output, closed with −1.
 ///
 /// # Errors
-/// [`Error::Value`](crate::error::Error::Value) for more inputs or outputs, or where eigenvalues are not found.
+/// [`Error::Value`](base::error::Error::Value) for more inputs or outputs, or where eigenvalues are not found.
 pub fn margins(system: &StateSpace) -> Result<Margins> {
     one_loop(system)?;
     let closed = system.feedback(&unit(system)?)?;

@@ -2,7 +2,7 @@
 
 use super::dense::{eigenvalues, eigenvectors, pencil_eigenvalues};
 use super::state_space::{StateSpace, blocks};
-use crate::error::{Error, Result};
+use base::error::{Error, Result};
 use nalgebra::{Complex, DMatrix};
 
 /// One motion of a system on its own: exp(λ t) along one direction of the state.

@@ -3,8 +3,8 @@
 use super::dense::{eigenvalues, singular_values};
 use super::state_space::{StateSpace, blocks};
 use super::swept::Swept;
-use crate::controllers::design::riccati;
-use crate::error::{Error, Result};
+use crate::design::riccati;
+use base::error::{Error, Result};
 use nalgebra::DMatrix;
 
 /// The largest gain and where it is.

@@ -5,7 +5,7 @@ use super::modes::{poles, zeros};
 use super::sampling::Hold;
 use super::state_space::StateSpace;
 use super::swept::Swept;
-use crate::error::{Error, Result};
+use base::error::{Error, Result};
 use nalgebra::{Complex, DMatrix, DVector};
 use serde::Serialize;
 

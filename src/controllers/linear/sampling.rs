@@ -1,7 +1,7 @@
 //! Between continuous and sampled systems.
 
 use super::state_space::{StateSpace, blocks};
-use crate::error::{Error, Result};
+use base::error::{Error, Result};
 use nalgebra::DMatrix;
 use std::f64::consts::PI;
 

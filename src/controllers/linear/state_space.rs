@@ -1,8 +1,8 @@
 //! Linear systems with named signals, and their connections.
 
 use super::dense::{Complexes, ON_CIRCLE, ROUNDED};
-use crate::error::{Error, Result};
-use crate::names;
+use base::error::{Error, Result};
+use base::names;
 use nalgebra::{Complex, DMatrix};
 use serde::{Deserialize, Serialize};
 

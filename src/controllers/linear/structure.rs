@@ -10,7 +10,7 @@
 pub use super::dense::ON_CIRCLE;
 use super::dense::{ROUNDED, eigenvalues, svd};
 use super::state_space::{Signal, StateSpace, beside};
-use crate::error::Result;
+use base::error::Result;
 use nalgebra::{Complex, DMatrix};
 
 /// A coupling below this share of the others counts as none. A feedback through it would need gains a billion times those of the

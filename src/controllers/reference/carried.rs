@@ -4,11 +4,11 @@ use super::lemniscate::Lemniscate;
 use super::setpoint::Setpoint;
 use super::trajectory::{Curve, within};
 use super::waypoints::Waypoints;
-use crate::autodiff::jet::Jet;
-use crate::autodiff::{Scalar, safe};
-use crate::dynamics::GRAVITY;
-use crate::dynamics::spatial::{Vec3, add, axpy};
-use crate::error::Result;
+use autodiff::jet::Jet;
+use autodiff::{Scalar, safe};
+use base::error::Result;
+use dynamics::GRAVITY;
+use dynamics::spatial::{Vec3, add, axpy};
 use serde::{Deserialize, Serialize};
 
 /// p = q + l n with n = (q̈ + g e_z)/‖·‖, q the path of the load: along a massless bar of length |l| hinged at the drone, the

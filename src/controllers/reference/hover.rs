@@ -1,10 +1,10 @@
 //! Points: stay at one, or jump to another.
 
 use super::trajectory::{Curve, coordinates, within};
-use crate::autodiff::Scalar;
-use crate::defaults::with_defaults;
-use crate::dynamics::spatial::{Vec3, constants};
-use crate::error::Result;
+use autodiff::Scalar;
+use base::defaults::with_defaults;
+use base::error::Result;
+use dynamics::spatial::{Vec3, constants};
 use serde::{Deserialize, Serialize};
 
 with_defaults! {

@@ -1,10 +1,10 @@
 //! The figure of eight of the paper's Track tasks.
 
 use super::trajectory::{Curve, coordinates, within};
-use crate::autodiff::Scalar;
-use crate::defaults::with_defaults;
-use crate::dynamics::spatial::Vec3;
-use crate::error::Result;
+use autodiff::Scalar;
+use base::defaults::with_defaults;
+use base::error::Result;
+use dynamics::spatial::Vec3;
 use serde::{Deserialize, Serialize};
 
 with_defaults! {

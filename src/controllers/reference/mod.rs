@@ -1,6 +1,6 @@
 //! Where to be and when: reference trajectories with exact derivatives.
 //!
-//! Each shape is a [`Curve`]: it writes its position and yaw once, over [`Scalar`](crate::autodiff::Scalar); evaluated on a fifth-order [`Jet`] in
+//! Each shape is a [`Curve`]: it writes its position and yaw once, over [`Scalar`](autodiff::Scalar); evaluated on a fifth-order [`Jet`] in
 //! time the same lines give velocity, acceleration, jerk and snap. Before t = 0 every shape here rests at its start. A
 //! curve of your own is a reference too ([`Reference::own`]), and so is anything else that gives samples ([`Trajectory`]).
 
@@ -24,8 +24,8 @@ pub use tilt::Tilt;
 pub use trajectory::{Curve, Own, Series, Trajectory};
 pub use waypoints::{MAX_WAYPOINTS, Waypoint, Waypoints};
 
-use crate::autodiff::jet::Jet;
-use crate::error::{Error, Result};
+use autodiff::jet::Jet;
+use base::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 

@@ -1,8 +1,8 @@
 //! One instant of a reference.
 
-use crate::autodiff::Scalar;
-use crate::autodiff::jet::Jet;
-use crate::dynamics::spatial::{Vec3, constants};
+use autodiff::Scalar;
+use autodiff::jet::Jet;
+use dynamics::spatial::{Vec3, constants};
 
 /// Position and yaw with their time derivatives; world frame, SI, rad.
 #[derive(Debug, Clone, Copy, PartialEq)]

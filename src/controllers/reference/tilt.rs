@@ -2,11 +2,11 @@
 
 use super::Reference;
 use super::trajectory::within;
-use crate::autodiff::Scalar;
-use crate::autodiff::jet::Jet;
-use crate::controllers::attitude::Orientation;
-use crate::dynamics::spatial::{from_euler, matrix};
-use crate::error::Result;
+use crate::attitude::Orientation;
+use autodiff::Scalar;
+use autodiff::jet::Jet;
+use base::error::Result;
+use dynamics::spatial::{from_euler, matrix};
 use serde::{Deserialize, Serialize};
 
 /// Level until `at`, then roll and pitch, turned to within `ramp` seconds: R_d = Rz(ψ) Ry(s·pitch) Rx(s·roll) with
@@ -45,7 +45,7 @@ impl Tilt {
     /// Checks every number.
     ///
     /// # Errors
-    /// [`Error::Value`](crate::error::Error::Value) that names it.
+    /// [`Error::Value`](base::error::Error::Value) that names it.
     pub fn validate(&self) -> Result<()> {
         use std::f64::consts::{FRAC_PI_2, PI};
         within("tilt.roll", &[self.roll], -PI, PI)?;

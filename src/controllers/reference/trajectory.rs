@@ -1,10 +1,10 @@
 //! What a reference is: samples over time, best written as a curve over any scalar.
 
 use super::setpoint::Setpoint;
-use crate::autodiff::Scalar;
-use crate::autodiff::jet::Jet;
-use crate::dynamics::spatial::Vec3;
-use crate::error::{Error, Result, finite};
+use autodiff::Scalar;
+use autodiff::jet::Jet;
+use base::error::{Error, Result, finite};
+use dynamics::spatial::Vec3;
 use std::sync::Arc;
 
 /// Position (world, m) and yaw (rad) as Taylor series in time.
@@ -13,6 +13,7 @@ pub type Series = (Vec3<Jet<f64, 5>>, Jet<f64, 5>);
 /// Where to be and when, written once over any scalar: its derivatives up to snap come by themselves.
 ///
 /// ```
+/// # use omnidrones_controllers::omnidrones;
 /// use omnidrones::autodiff::Scalar;
 /// use omnidrones::controllers::reference::{Curve, Reference};
 ///

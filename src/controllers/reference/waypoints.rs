@@ -1,9 +1,9 @@
 //! A path through points with the least snap.
 
 use super::trajectory::{Curve, coordinates, within};
-use crate::autodiff::Scalar;
-use crate::dynamics::spatial::Vec3;
-use crate::error::{Error, Result};
+use autodiff::Scalar;
+use base::error::{Error, Result};
+use dynamics::spatial::Vec3;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};

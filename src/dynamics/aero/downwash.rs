@@ -13,8 +13,8 @@
 //! there from 1 to 0; since no two vehicles can be that close, the last `NEAR` metres below the source fade it in
 //! smoothly, and at z ≥ `NEAR` it is the published formula to rounding.
 
-use crate::autodiff::{Scalar, safe};
-use crate::dynamics::spatial::{Vec3, dot, scale, sub};
+use crate::spatial::{Vec3, dot, scale, sub};
+use autodiff::{Scalar, safe};
 
 /// Depth over which the wake fades in below its source, m.
 pub(crate) const NEAR: f64 = 0.05;

@@ -4,7 +4,7 @@
 //! small quadrotors the effect is somewhat larger and couples the rotors (Sánchez-Cuevas et al. 2017); this is the
 //! form that needs no constant beyond the radius. It is stated for z > R/2; below it diverges.
 
-use crate::autodiff::Scalar;
+use autodiff::Scalar;
 
 /// T/T∞ of a rotor of `radius` (m) whose hub is `height` (m) above the ground; power and speed unchanged.
 ///

@@ -1,6 +1,6 @@
 //! The smallest dual number, (value, slope): a test of guards must see derivatives go through masked branches.
 
-use crate::autodiff::{Operation, Scalar};
+use autodiff::{Operation, Scalar};
 use std::ops::{Add, AddAssign, Div, Mul, MulAssign, Neg, Sub, SubAssign};
 
 /// A value and its derivative along one direction.

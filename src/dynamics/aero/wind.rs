@@ -3,8 +3,8 @@
 //! [`Wind`] is configuration; [`WindState`] samples it, with its own memory and random stream, so a wind depends on
 //! (configuration, stream, sequence of time steps) and nothing else, and can be saved in mid-gust.
 
-use crate::error::{Error, Result, finite};
-use crate::rng::Stream;
+use base::error::{Error, Result, finite};
+use rng::Stream;
 use serde::{Deserialize, Serialize};
 
 /// Most harmonics of a [`Sinusoid`].
@@ -274,7 +274,7 @@ fn correlated(q: [f64; 3], noise: [f64; 2]) -> [f64; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::Purpose;
+    use rng::Purpose;
 
     fn stream(environment: u64) -> Stream {
         Stream::new(11, environment, 0, Purpose::WIND)

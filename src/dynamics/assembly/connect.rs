@@ -2,7 +2,7 @@
 
 use super::join::{Join, Kind, Servo, WORLD};
 use super::{Assembly, Solid};
-use crate::error::{Error, Result, finite};
+use base::error::{Error, Result, finite};
 use nalgebra::Vector3;
 use std::collections::BTreeSet;
 
@@ -101,7 +101,7 @@ fn check_join(assembly: &Assembly, join: &Join) -> Result<()> {
     check_servo(assembly, join)
 }
 
-/// What [`Model::new`](crate::dynamics::tree::Model::new) cannot see any more.
+/// What [`Model::new`](crate::tree::Model::new) cannot see any more.
 fn check_servo(assembly: &Assembly, join: &Join) -> Result<()> {
     let at = |what: &str| format!("{}: joint '{}': {what}", assembly.label(), join.name);
     let max_torque = match join.servo {

@@ -5,11 +5,11 @@ use super::join::{Join, Kind};
 use super::placement::{clean, rows, snap};
 use super::solid::combined;
 use super::{Assembly, Placement};
-use crate::dynamics::contact::ContactMaterial;
-use crate::dynamics::shape::Shape;
-use crate::dynamics::tree::*;
-use crate::dynamics::vehicle::{Drag, Inertia, MassProperties, Rotor};
-use crate::error::{Error, Result};
+use crate::contact::ContactMaterial;
+use crate::shape::Shape;
+use crate::tree::*;
+use crate::vehicle::{Drag, Inertia, MassProperties, Rotor};
+use base::error::{Error, Result};
 use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3};
 
 /// A model whose servos and stops are not tuned yet.

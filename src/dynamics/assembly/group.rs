@@ -2,9 +2,9 @@
 
 use super::emit::moved as shape_moved;
 use super::placement::{Placement, clean, rows};
-use crate::dynamics::shape::Pose;
-use crate::dynamics::tree::{ContactSettings, Model, ModelParts};
-use crate::error::{Error, Result};
+use crate::shape::Pose;
+use crate::tree::{ContactSettings, Model, ModelParts};
+use base::error::{Error, Result};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 /// One model of a group.

@@ -11,6 +11,7 @@
 //! | [`group`](mod@group) | several models as one |
 //!
 //! ```
+//! # use omnidrones_dynamics::omnidrones;
 //! use omnidrones::dynamics::assembly::{Assembly, Join, Kind, Solid};
 //! use omnidrones::dynamics::vehicles::hummingbird;
 //!
@@ -41,7 +42,7 @@ pub use solid::{Solid, rod};
 
 use super::tree::{ContactSettings, Model};
 use super::vehicle::{GRAVITY, Vehicle};
-use crate::error::{Error, Result, finite};
+use base::error::{Error, Result, finite};
 
 /// Parts and joints, collected in any order and checked by [`Assembly::model`].
 #[derive(Debug, Clone, PartialEq)]

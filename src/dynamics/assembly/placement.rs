@@ -1,6 +1,6 @@
 //! Where one frame stands in another.
 
-use crate::error::{Error, Result, finite};
+use base::error::{Error, Result, finite};
 use nalgebra::{Isometry3, Matrix3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 

@@ -1,9 +1,9 @@
 //! One rigid part before it is joined: shapes with a mass or density, a vehicle, or given mass properties.
 
 use super::placement::clean;
-use crate::dynamics::shape::{Geometry, Shape};
-use crate::dynamics::vehicle::{Drag, Inertia, MassProperties, Rotor, Vehicle};
-use crate::error::{Error, Result, finite};
+use crate::shape::{Geometry, Shape};
+use crate::vehicle::{Drag, Inertia, MassProperties, Rotor, Vehicle};
+use base::error::{Error, Result, finite};
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 
 /// A rigid part in its own frame.
@@ -65,7 +65,7 @@ impl Solid {
     }
 
     /// A whole vehicle as one part: its mass, rotors, drag and shapes in its base frame. Rotors get the part's name before
-    /// their own (`drone/rotor_0`), and the part is a [`Drone`](crate::dynamics::tree::Drone) centred on its origin.
+    /// their own (`drone/rotor_0`), and the part is a [`Drone`](crate::tree::Drone) centred on its origin.
     pub fn vehicle(vehicle: &Vehicle) -> Self {
         Self {
             rotors: vehicle.rotors.clone(),

@@ -2,9 +2,9 @@
 
 use super::emit::Draft;
 use super::join::{Join, STOP_DISSIPATION, STOP_RATE, Servo, Stops};
-use crate::dynamics::multirotor::Physics;
-use crate::dynamics::tree::*;
-use crate::error::{Error, Result};
+use crate::multirotor::Physics;
+use crate::tree::*;
+use base::error::{Error, Result};
 use nalgebra::DMatrix;
 
 /// Checks the draft, measures it, and sets what depends on inertia.

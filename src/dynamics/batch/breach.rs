@@ -2,8 +2,8 @@
 
 use super::kernel::{ALIVE, EXPLODED, HEEDLESS, LISTED};
 use super::plant::{Block, Plant, Rows};
-use crate::autodiff::program::BLOCK;
-use crate::dynamics::plant::Quantity;
+use crate::plant::Quantity;
+use autodiff::program::BLOCK;
 use std::fmt;
 
 /// The number that stopped an environment.
@@ -35,7 +35,8 @@ impl fmt::Display for Breach {
 
 /// A [`Breach`] before it is put into words: the place among [`Plant::words`], value and limit.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Culprit {
+#[doc(hidden)]
+pub struct Culprit {
     pub place: u32,
     pub value: f32,
     pub limit: f32,
@@ -44,7 +45,8 @@ pub(crate) struct Culprit {
 impl Culprit {
     /// The number farthest beyond its limit. Infinity is farther than any, and what is no number at all follows from one
     /// that is none: it counts where nothing else broke, by what it was `before`.
-    pub(crate) fn of(
+    #[doc(hidden)]
+    pub fn of(
         limits: impl Iterator<Item = (usize, f32)>,
         before: &[[f32; BLOCK]],
         after: &[[f32; BLOCK]],
@@ -64,7 +66,8 @@ impl Culprit {
         worst.map(|(_, culprit)| culprit)
     }
 
-    pub(crate) fn in_words(self, words: &[Quantity]) -> Breach {
+    #[doc(hidden)]
+    pub fn in_words(self, words: &[Quantity]) -> Breach {
         let Quantity { name, unit } = &words[self.place as usize];
         Breach { quantity: name.clone(), unit, value: self.value, limit: self.limit }
     }
@@ -72,7 +75,8 @@ impl Culprit {
 
 impl Plant {
     /// What the step that stopped these lanes of a block would have led to, into `after`; the block is as it was.
-    pub(crate) fn follow(&self, block: &mut Block, lanes: u64, after: &mut Rows) {
+    #[doc(hidden)]
+    pub fn follow(&self, block: &mut Block, lanes: u64, after: &mut Rows) {
         after.copy_from_slice(&block.rows);
         for (lane, alive) in block.rows[self.alive_row()].iter_mut().enumerate() {
             *alive = if lanes >> lane & 1 == 1 { HEEDLESS } else { LISTED };
@@ -82,7 +86,8 @@ impl Plant {
     }
 
     /// The number of a lane that is not what a healthy state of any plant holds.
-    pub(crate) fn exploded(&self, before: &Rows, after: &Rows, lane: usize) -> Option<Culprit> {
+    #[doc(hidden)]
+    pub fn exploded(&self, before: &Rows, after: &Rows, lane: usize) -> Option<Culprit> {
         Culprit::of((0..self.n_state()).map(|row| (row, EXPLODED as f32)), before, after, lane)
     }
 

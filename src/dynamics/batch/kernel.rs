@@ -1,22 +1,25 @@
 //! Rows of a block of single multirotors, and the step that they are stepped by.
 //!
-//! A block holds [`BLOCK`](crate::autodiff::program::BLOCK) environments as structure of arrays: row k is number k of every environment.
+//! A block holds [`BLOCK`](autodiff::program::BLOCK) environments as structure of arrays: row k is number k of every environment.
 //! State rows come first, then the action's, the disturbance's, the flag `alive`. The model's constants stand in rows of their own, one
 //! set for all environments that share them.
 
-use crate::autodiff::{Scalar, Trace};
-use crate::dynamics::integrate::{Grid, step};
-use crate::dynamics::rigid::{Disturbance, Effects, RigidModel, RigidState};
-use crate::dynamics::rotor::{Motors, RotorModel};
-use crate::dynamics::vehicle::MAX_ROTORS;
+use crate::integrate::{Grid, step};
+use crate::rigid::{Disturbance, Effects, RigidModel, RigidState};
+use crate::rotor::{Motors, RotorModel};
+use crate::vehicle::MAX_ROTORS;
+use autodiff::{Scalar, Trace};
 
 /// Largest magnitude of a healthy state, SI units.
-pub(crate) const EXPLODED: f64 = 1e8;
+#[doc(hidden)]
+pub const EXPLODED: f64 = 1e8;
 
 /// Values of the row `alive`: stepping whatever comes of it, stepping, stopped in this step, stopped earlier and listed.
 pub(crate) const HEEDLESS: f32 = 2.0;
-pub(crate) const ALIVE: f32 = 1.0;
-pub(crate) const STOPPED: f32 = 0.0;
+#[doc(hidden)]
+pub const ALIVE: f32 = 1.0;
+#[doc(hidden)]
+pub const STOPPED: f32 = 0.0;
 pub(crate) const LISTED: f32 = -1.0;
 
 /// Applies a macro to the numbers of a rotor that lean kernels read, in the order of their rows.

@@ -7,7 +7,10 @@ mod step_program;
 mod world;
 
 pub use breach::Breach;
-pub(crate) use breach::Culprit;
-pub(crate) use kernel::{ALIVE, EXPLODED, STOPPED};
-pub(crate) use plant::{Block, Plant};
+#[doc(hidden)]
+pub use breach::Culprit;
+#[doc(hidden)]
+pub use kernel::{ALIVE, EXPLODED, STOPPED};
+#[doc(hidden)]
+pub use plant::{Block, Plant};
 pub use world::{DEFAULT_MEMORY_LIMIT, Reason, Stopped, World};

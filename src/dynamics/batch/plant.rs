@@ -2,25 +2,24 @@
 
 use super::kernel::{self, ALIVE, pack};
 use super::step_program::{StepProgram, contained};
-use crate::autodiff::columns::Columns;
-use crate::autodiff::lanes::to_columns;
-use crate::autodiff::once::made_once;
-use crate::autodiff::program::BLOCK;
-use crate::autodiff::{Recording, Scalar, Trace};
-use crate::dynamics;
-use crate::dynamics::frame::{FRAME, Frame};
-use crate::dynamics::integrate::Grid;
-use crate::dynamics::multirotor::{AnyModel, Multirotor, Physics};
-use crate::dynamics::plant::Quantity;
-use crate::dynamics::rigid::{Disturbance, Effects, RIGID_DIM, RigidModel, parameter_vector};
-use crate::dynamics::tree::frames;
-use crate::dynamics::tree::parameters::Source;
-use crate::dynamics::tree::scratch::scratch_on_stack;
-use crate::dynamics::tree::step::{self, Task};
-use crate::dynamics::tree::topology::Topology;
-use crate::dynamics::tree::{Model, Multibody, model_parameters};
-use crate::dynamics::vehicle::Vehicle;
-use crate::error::{Error, Result};
+use crate::frame::{FRAME, Frame};
+use crate::integrate::Grid;
+use crate::multirotor::{AnyModel, Multirotor, Physics};
+use crate::plant::Quantity;
+use crate::rigid::{Disturbance, Effects, RIGID_DIM, RigidModel, parameter_vector};
+use crate::tree::frames;
+use crate::tree::parameters::Source;
+use crate::tree::scratch::scratch_on_stack;
+use crate::tree::step::{self, Task};
+use crate::tree::topology::Topology;
+use crate::tree::{Model, Multibody, model_parameters};
+use crate::vehicle::Vehicle;
+use autodiff::columns::Columns;
+use autodiff::lanes::to_columns;
+use autodiff::once::made_once;
+use autodiff::program::BLOCK;
+use autodiff::{Recording, Scalar, Trace};
+use base::error::{Error, Result};
 use std::sync::{Arc, OnceLock};
 
 /// Rows of numbers, one column per environment.
@@ -28,7 +27,8 @@ pub(crate) type Rows = Columns;
 
 /// Up to sixty-four environments: state, input, `alive`, and numbers of the model where they have their own.
 #[derive(Debug, Clone)]
-pub(crate) struct Block {
+#[doc(hidden)]
+pub struct Block {
     /// Environments in it: the lanes behind them are padding, and registers of padding alone are not computed.
     pub occupied: usize,
     pub rows: Rows,
@@ -37,14 +37,15 @@ pub(crate) struct Block {
 
 /// A kind of system with its step and the layout of its blocks: state first, then input and `alive`.
 #[derive(Debug, Clone)]
-pub(crate) enum Plant {
+#[doc(hidden)]
+pub enum Plant {
     Rigid(RigidPlant),
     Tree(Box<TreePlant>),
 }
 
 /// A single multirotor in closed form. Numbers are those of [`pack`].
 #[derive(Debug, Clone)]
-pub(crate) struct RigidPlant {
+pub struct RigidPlant {
     n_rotor: usize,
     physics: Physics,
     effects: Effects,
@@ -57,7 +58,7 @@ pub(crate) struct RigidPlant {
 
 /// An articulated system. Numbers are those of [`model_parameters`].
 #[derive(Debug, Clone)]
-pub(crate) struct TreePlant {
+pub struct TreePlant {
     topology: Topology,
     grid: Grid,
     general: bool,
@@ -81,7 +82,8 @@ struct Steps {
 
 impl Plant {
     /// With the state of hover.
-    pub(crate) fn rigid(vehicle: &Vehicle, physics: Physics) -> Result<(Self, Vec<f64>)> {
+    #[doc(hidden)]
+    pub fn rigid(vehicle: &Vehicle, physics: Physics) -> Result<(Self, Vec<f64>)> {
         let system = Multirotor::new(vehicle, physics)?;
         let mut plant = RigidPlant {
             n_rotor: vehicle.n_rotor(),
@@ -98,12 +100,13 @@ impl Plant {
         plant.shared = rows_of(&nominal);
         plant.nominal = nominal;
         let hover = system.hover_state([0.0; 3])?;
-        plant.words = dynamics::Plant::from(system).numbers_in_words();
+        plant.words = crate::Plant::from(system).numbers_in_words();
         Ok((Self::Rigid(plant), hover))
     }
 
     /// With the state at rest.
-    pub(crate) fn tree(model: &Model, physics: Physics, general: bool) -> Result<(Self, Vec<f64>)> {
+    #[doc(hidden)]
+    pub fn tree(model: &Model, physics: Physics, general: bool) -> Result<(Self, Vec<f64>)> {
         let system = Multibody::new(model, physics)?;
         let topology = Topology::new(model, physics.effects, physics.grid(), general);
         let disturbances: Vec<usize> = topology.layout.trees.iter().filter_map(|t| t.disturbance).collect();
@@ -120,12 +123,13 @@ impl Plant {
             steps: Steps::default(),
         };
         let rest = system.rest_state();
-        plant.words = dynamics::Plant::from(system).numbers_in_words();
+        plant.words = crate::Plant::from(system).numbers_in_words();
         Ok((Self::Tree(Box::new(plant)), rest))
     }
 
     /// The numbers of a state and the actions behind them, in words.
-    pub(crate) fn words(&self) -> &[Quantity] {
+    #[doc(hidden)]
+    pub fn words(&self) -> &[Quantity] {
         match self {
             Self::Rigid(p) => &p.words,
             Self::Tree(p) => &p.words,
@@ -133,7 +137,8 @@ impl Plant {
     }
 
     /// Numbers of one state.
-    pub(crate) fn n_state(&self) -> usize {
+    #[doc(hidden)]
+    pub fn n_state(&self) -> usize {
         match self {
             Self::Rigid(p) => RIGID_DIM + p.n_rotor,
             Self::Tree(p) => p.topology.n_state,
@@ -149,7 +154,8 @@ impl Plant {
     }
 
     /// Numbers of one input: actions, then disturbances where they have an effect.
-    pub(crate) fn n_input(&self) -> usize {
+    #[doc(hidden)]
+    pub fn n_input(&self) -> usize {
         match self {
             Self::Rigid(p) if p.effects.disturbance => p.n_rotor + Disturbance::<f64>::DIM,
             Self::Rigid(p) => p.n_rotor,
@@ -158,17 +164,20 @@ impl Plant {
     }
 
     /// Row that tells whether an environment is alive.
-    pub(crate) fn alive_row(&self) -> usize {
+    #[doc(hidden)]
+    pub fn alive_row(&self) -> usize {
         self.n_state() + self.n_input()
     }
 
     /// Rows of one block.
-    pub(crate) fn n_row(&self) -> usize {
+    #[doc(hidden)]
+    pub fn n_row(&self) -> usize {
         self.alive_row() + 1
     }
 
     /// Rows of the model's numbers, shared or a block's own.
-    pub(crate) fn n_number(&self) -> usize {
+    #[doc(hidden)]
+    pub fn n_number(&self) -> usize {
         self.shared().len()
     }
 
@@ -180,7 +189,8 @@ impl Plant {
     }
 
     /// Row of number k of the input: rotor actions, drives, disturbances as in the system's own.
-    pub(crate) fn input_row(&self, k: usize) -> usize {
+    #[doc(hidden)]
+    pub fn input_row(&self, k: usize) -> usize {
         self.n_state() + k
     }
 
@@ -194,7 +204,8 @@ impl Plant {
     }
 
     /// A block of `occupied` environments, every column the same, alive, with the shared numbers.
-    pub(crate) fn block(&self, state: &[f64], occupied: usize) -> Block {
+    #[doc(hidden)]
+    pub fn block(&self, state: &[f64], occupied: usize) -> Block {
         let mut rows = Rows::zeros(self.n_row());
         for (row, value) in rows.iter_mut().zip(state) {
             *row = [*value as f32; BLOCK];
@@ -204,7 +215,8 @@ impl Plant {
     }
 
     /// Gives a block numbers of its own, the shared ones at first.
-    pub(crate) fn give_parameters(&self, block: &mut Block) {
+    #[doc(hidden)]
+    pub fn give_parameters(&self, block: &mut Block) {
         self.own(block);
     }
 
@@ -266,7 +278,8 @@ impl Plant {
     }
 
     /// The model's numbers as constants of a recording.
-    pub(crate) fn constant_numbers(&self) -> Vec<Trace> {
+    #[doc(hidden)]
+    pub fn constant_numbers(&self) -> Vec<Trace> {
         let nominal = match self {
             Self::Rigid(p) => &p.nominal,
             Self::Tree(p) => &p.nominal,
@@ -275,7 +288,8 @@ impl Plant {
     }
 
     /// The model's numbers of those of the system's vector, recorded.
-    pub(crate) fn numbers_of(&self, parameters: &[Trace]) -> Vec<Trace> {
+    #[doc(hidden)]
+    pub fn numbers_of(&self, parameters: &[Trace]) -> Vec<Trace> {
         match self {
             Self::Rigid(p) => {
                 let mut numbers = Vec::new();
@@ -287,7 +301,8 @@ impl Plant {
     }
 
     /// Which of the model's numbers change with these of the system's vector.
-    pub(crate) fn varying(&self, nominal: &[f64], varied: &[usize]) -> Vec<usize> {
+    #[doc(hidden)]
+    pub fn varying(&self, nominal: &[f64], varied: &[usize]) -> Vec<usize> {
         let mut varying = Vec::new();
         Recording::of(varied.len(), |z| {
             let mut parameters: Vec<Trace> = nominal.iter().map(|x| Trace::constant(*x)).collect();
@@ -300,7 +315,8 @@ impl Plant {
     }
 
     /// The next state of state, input and the model's numbers.
-    pub(crate) fn next_state(&self, state: &[Trace], input: &[Trace], numbers: &[Trace]) -> Vec<Trace> {
+    #[doc(hidden)]
+    pub fn next_state(&self, state: &[Trace], input: &[Trace], numbers: &[Trace]) -> Vec<Trace> {
         match self {
             Self::Rigid(p) => kernel::next_state(p.n_rotor, p.effects, p.physics.grid(), (state, input, numbers)),
             Self::Tree(p) => next_state_of_tree(&p.topology, p.grid, (state, input, numbers)),
@@ -308,13 +324,8 @@ impl Plant {
     }
 
     /// As [`Plant::next_state`], and `alive` behind it, where what explodes stops: see [`contained`].
-    pub(crate) fn contained_step(
-        &self,
-        state: &[Trace],
-        input: &[Trace],
-        alive: Trace,
-        numbers: &[Trace],
-    ) -> Vec<Trace> {
+    #[doc(hidden)]
+    pub fn contained_step(&self, state: &[Trace], input: &[Trace], alive: Trace, numbers: &[Trace]) -> Vec<Trace> {
         let n_state = state.len();
         let actions: Vec<Trace> = match self {
             Self::Rigid(p) => input[..p.n_rotor].to_vec(),
@@ -323,8 +334,9 @@ impl Plant {
         contained(state, &actions, alive, self.next_state(state, input, numbers))
     }
 
-    /// Motion of every body, [`FRAME`](crate::dynamics::frame::FRAME) numbers each.
-    pub(crate) fn frames_of(&self, state: &[Trace], numbers: &[Trace]) -> Vec<Trace> {
+    /// Motion of every body, [`FRAME`](crate::frame::FRAME) numbers each.
+    #[doc(hidden)]
+    pub fn frames_of(&self, state: &[Trace], numbers: &[Trace]) -> Vec<Trace> {
         let n_body = match self {
             Self::Rigid(_) => 1,
             Self::Tree(p) => p.topology.n_body(),

@@ -4,10 +4,10 @@
 
 use super::kernel::{EXPLODED, STOPPED, heedless};
 use super::plant::Block;
-use crate::autodiff::native::{Executable, Layout, Place, Rows as Array, Work};
-use crate::autodiff::program::BLOCK;
-use crate::autodiff::{Mask, Program, Recording, Scalar, Trace, safe};
-use crate::error::Result;
+use autodiff::native::{Executable, Layout, Place, Rows as Array, Work};
+use autodiff::program::BLOCK;
+use autodiff::{Mask, Program, Recording, Scalar, Trace, safe};
+use base::error::Result;
 use std::fmt;
 use std::sync::{Mutex, PoisonError};
 

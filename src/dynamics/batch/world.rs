@@ -3,15 +3,15 @@
 use super::breach::{Breach, Culprit};
 use super::kernel::{ALIVE, LISTED, STOPPED};
 use super::plant::{Block, Plant, Rows, wrong_length};
-use crate::autodiff::program::BLOCK;
-use crate::dynamics::assembly::single;
-use crate::dynamics::multirotor::{Multirotor, Physics};
-use crate::dynamics::rigid::{Disturbance, Effects};
-use crate::dynamics::tree::Model;
-use crate::dynamics::vehicle::Vehicle;
-use crate::error::{Error, Result, finite};
-use crate::memory::{Request, none_asked};
-use crate::parallel::Threads;
+use crate::assembly::single;
+use crate::multirotor::{Multirotor, Physics};
+use crate::rigid::{Disturbance, Effects};
+use crate::tree::Model;
+use crate::vehicle::Vehicle;
+use autodiff::program::BLOCK;
+use base::error::{Error, Result, finite};
+use base::memory::{Request, none_asked};
+use base::parallel::Threads;
 
 /// Most memory of one world unless [`World::with_memory_limit`] says otherwise, bytes.
 pub const DEFAULT_MEMORY_LIMIT: u64 = 8 << 30;
@@ -46,6 +46,7 @@ pub struct Stopped {
 /// multiply-add. Numbers are `f32`.
 ///
 /// ```
+/// # use omnidrones_dynamics::omnidrones;
 /// use omnidrones::dynamics::{Physics, World, vehicles};
 /// let vehicle = vehicles::by_name("hummingbird")?;
 /// let mut world = World::new(&vehicle, Physics::default(), 1000)?;
@@ -97,7 +98,7 @@ impl World {
         Self::of_plant(plant, physics, n_env, limit, &hover)
     }
 
-    /// `n_env` copies of an articulated system at rest ([`Multibody::rest_state`](crate::dynamics::tree::Multibody)).
+    /// `n_env` copies of an articulated system at rest ([`Multibody::rest_state`](crate::tree::Multibody)).
     ///
     /// # Errors
     /// As [`World::new`].
@@ -162,8 +163,8 @@ impl World {
         self.n_env
     }
 
-    /// Numbers per state, ordered as in [`RigidState`](crate::dynamics::RigidState) or
-    /// [`Layout`](crate::dynamics::tree::Layout).
+    /// Numbers per state, ordered as in [`RigidState`](crate::RigidState) or
+    /// [`Layout`](crate::tree::Layout).
     pub fn n_state(&self) -> usize {
         self.plant.n_state()
     }
@@ -187,6 +188,7 @@ impl World {
     /// is stepped.
     ///
     /// ```
+    /// # use omnidrones_dynamics::omnidrones;
     /// use omnidrones::dynamics::{Physics, World, vehicles};
     /// let mut world = World::new(&vehicles::by_name("hummingbird")?, Physics::default(), 2)?;
     /// let mut state = world.state(1)?;

@@ -1,15 +1,16 @@
 //! A model with the names of its parts as numbers.
 
-use crate::dynamics::tree::Model;
-use crate::error::{Error, Result};
+use crate::tree::Model;
+use base::error::{Error, Result};
 
 /// Converts a coefficient per degree into one per radian.
-pub(crate) const PER_DEGREE: f64 = 180.0 / std::f64::consts::PI;
+#[doc(hidden)]
+pub const PER_DEGREE: f64 = 180.0 / std::f64::consts::PI;
 
 /// A model and the names of its parts as numbers.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Configuration<M> {
-    /// For [`Multibody`](crate::dynamics::tree::Multibody).
+    /// For [`Multibody`](crate::tree::Multibody).
     pub model: Model,
     /// Bodies, joints and rotors by name.
     pub map: M,

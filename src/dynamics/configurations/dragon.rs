@@ -25,10 +25,10 @@
 //! the link; rotors are the links' own in order, and there is one `Drone` per module.
 
 use super::configuration::{Configuration, DroneMap, PER_DEGREE, pair};
-use crate::defaults::with_defaults;
-use crate::dynamics::assembly::{Assembly, Join, Kind, Servo, Solid, rod};
-use crate::dynamics::vehicle::{Inertia, Rotor};
-use crate::error::{Error, Result};
+use crate::assembly::{Assembly, Join, Kind, Servo, Solid, rod};
+use crate::vehicle::{Inertia, Rotor};
+use base::defaults::with_defaults;
+use base::error::{Error, Result};
 use std::f64::consts::FRAC_PI_2;
 
 const X: [f64; 3] = [1.0, 0.0, 0.0];

@@ -2,23 +2,23 @@
 //!
 //! A sliding gate is a tree of its own, with its frame's coordinate in the state; fixed gates and obstacles are shapes that
 //! stand still in the world. Their places are numbers of the model, so that environments of a batch may differ in them
-//! ([`World::set_model`](crate::dynamics::World::set_model), [`write_placement`]). The scene itself still answers distances
+//! ([`World::set_model`](crate::World::set_model), [`write_placement`]). The scene itself still answers distances
 //! ([`Scene::distance`]).
 
 use super::Gate;
-use crate::dynamics::Vehicle;
-use crate::dynamics::assembly::{Member, Placement, group, single};
-use crate::dynamics::contact::ContactMaterial;
-use crate::dynamics::scene::{self, Element, Scene};
-use crate::dynamics::shape::Shape;
-use crate::dynamics::tree::parameters::static_parameters;
-use crate::dynamics::tree::{BodyShape, CABLE_PARAMETERS, Model};
-use crate::error::Result;
+use crate::Vehicle;
+use crate::assembly::{Member, Placement, group, single};
+use crate::contact::ContactMaterial;
+use crate::scene::{self, Element, Scene};
+use crate::shape::Shape;
+use crate::tree::parameters::static_parameters;
+use crate::tree::{BodyShape, CABLE_PARAMETERS, Model};
+use base::error::Result;
 
 /// `members`, then the scene's sliding gates in order under their names, with all that stands still.
 ///
 /// # Errors
-/// As [`Scene::validate`] and [`group`](crate::dynamics::assembly::group()).
+/// As [`Scene::validate`] and [`group`](crate::assembly::group()).
 pub fn environment(name: impl Into<String>, members: &[Member], scene: &Scene) -> Result<Model> {
     scene.validate()?;
     let mut all = members.to_vec();
@@ -50,7 +50,7 @@ pub fn environment(name: impl Into<String>, members: &[Member], scene: &Scene) -
 }
 
 /// Writes where a placement of the scene puts what stands still into numbers of the model that [`environment`] made of it
-/// ([`model_parameters`](crate::dynamics::tree::model_parameters)): fixed gates and obstacles. Slides are coordinates of the state. Allocates nothing.
+/// ([`model_parameters`](crate::tree::model_parameters)): fixed gates and obstacles. Slides are coordinates of the state. Allocates nothing.
 ///
 /// # Panics
 /// On numbers or a placement of another length, and on a model that was not made of this scene.

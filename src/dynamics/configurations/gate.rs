@@ -17,11 +17,11 @@
 //! should read the frame, not the mount (19): [`GateMap::frame`].
 
 use super::configuration::Configuration;
-use crate::defaults::with_defaults;
-use crate::dynamics::assembly::{Assembly, Join, Kind, Placement, Solid, WORLD, rod};
-use crate::dynamics::shape::Shape;
-use crate::dynamics::vehicle::Inertia;
-use crate::error::{Error, Result};
+use crate::assembly::{Assembly, Join, Kind, Placement, Solid, WORLD, rod};
+use crate::shape::Shape;
+use crate::vehicle::Inertia;
+use base::defaults::with_defaults;
+use base::error::{Error, Result};
 
 with_defaults! {
     /// Parameters; `Default` is the paper's.
@@ -59,7 +59,7 @@ pub struct GateMap {
 
 impl Gate {
     /// The model `gate`: one body with one degree of freedom. Group it with what flies through it
-    /// ([`group`](crate::dynamics::assembly::group())).
+    /// ([`group`](crate::assembly::group())).
     ///
     /// # Errors
     /// As [`Assembly::model`].

@@ -14,11 +14,11 @@
 //! DIFFERENCE: `InvPendulumHover` ignores its bar length (defect 23); here it is a parameter like any other.
 
 use super::configuration::{Configuration, DroneMap, PER_DEGREE, pair};
-use crate::defaults::with_defaults;
-use crate::dynamics::assembly::{Assembly, Join, Kind, Solid};
-use crate::dynamics::vehicle::Vehicle;
-use crate::dynamics::vehicles::hummingbird;
-use crate::error::Result;
+use crate::assembly::{Assembly, Join, Kind, Solid};
+use crate::vehicle::Vehicle;
+use crate::vehicles::hummingbird;
+use base::defaults::with_defaults;
+use base::error::Result;
 
 with_defaults! {
     /// Parameters; `Default` is the paper's.

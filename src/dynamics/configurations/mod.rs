@@ -10,11 +10,12 @@
 //! - DIFFERENCE: a mass that is changed takes its inertia with it (defect 25).
 //! - DIFFERENCE: PhysX slows bars, frames and payload spheres at 0.05 1/s in rotation unless told otherwise; that is
 //!   one part in a thousand of their motion during a swing, and left out. Rates that OmniDrones sets are kept, as
-//!   [`Drag`](crate::dynamics::Drag) of the same effect at the build-time mass.
+//!   [`Drag`](crate::Drag) of the same effect at the build-time mass.
 //! - Maps hold numbers of bodies and rotors. A joint's number is that of the body it moves: its angle stands at
 //!   `model.layout().bodies[i].position` of the state, its command at `model.layout().drive[i]` of the input.
 //!
 //! ```
+//! # use omnidrones_dynamics::omnidrones;
 //! use omnidrones::dynamics::configurations::Payload;
 //!
 //! let robot = Payload { length: 0.8, ..Payload::default() }.build()?;
@@ -34,7 +35,8 @@ pub mod platform;
 pub mod slung_load;
 pub mod transport;
 
-pub(crate) use configuration::PER_DEGREE;
+#[doc(hidden)]
+pub use configuration::PER_DEGREE;
 pub use configuration::{Configuration, DroneMap};
 pub use dragon::{Dragon, DragonLink, DragonMap};
 pub use environment::environment;
@@ -47,7 +49,7 @@ pub use slung_load::{SlungLoad, SlungLoadMap};
 pub use transport::{Carrier, Transport, TransportMap};
 
 use super::tree::Model;
-use crate::error::{Error, Result};
+use base::error::{Error, Result};
 
 /// One line of the registry.
 #[derive(Debug, Clone, Copy)]

@@ -18,11 +18,11 @@
 //! for the whole vehicle, at its core.
 
 use super::configuration::{Configuration, DroneMap};
-use crate::defaults::with_defaults;
-use crate::dynamics::assembly::{Assembly, Join, Kind, Placement, Servo, Solid};
-use crate::dynamics::vehicle::{Part, Vehicle};
-use crate::dynamics::vehicles::omav;
-use crate::error::{Error, Result};
+use crate::assembly::{Assembly, Join, Kind, Placement, Servo, Solid};
+use crate::vehicle::{Part, Vehicle};
+use crate::vehicles::omav;
+use base::defaults::with_defaults;
+use base::error::{Error, Result};
 use nalgebra::{Rotation3, Vector3};
 
 /// Number of tilting units.
@@ -107,7 +107,7 @@ impl Omav {
         let r: Rotation3<f64> = turn.to_rotation_matrix();
         let center = back.then(&part.position.into()).position;
         let inertia = r.matrix() * part.inertia.matrix() * r.matrix().transpose();
-        let solid = Solid::explicit(part.mass, center, crate::dynamics::Inertia::from_matrix(&inertia));
+        let solid = Solid::explicit(part.mass, center, crate::Inertia::from_matrix(&inertia));
         let Some(rotor) = self.vehicle.rotors.iter().find(|rotor| rotor.name == name) else {
             return Ok(self.damped(solid));
         };

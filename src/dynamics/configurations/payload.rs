@@ -13,11 +13,11 @@
 //! | stops | natural rate 30 rad/s, dissipation 3 s/rad | our assumption |
 
 use super::configuration::{Configuration, DroneMap, PER_DEGREE, pair};
-use crate::defaults::with_defaults;
-use crate::dynamics::assembly::{Assembly, Join, Kind, Solid};
-use crate::dynamics::vehicle::Vehicle;
-use crate::dynamics::vehicles::hummingbird;
-use crate::error::Result;
+use crate::assembly::{Assembly, Join, Kind, Solid};
+use crate::vehicle::Vehicle;
+use crate::vehicles::hummingbird;
+use base::defaults::with_defaults;
+use base::error::Result;
 use std::f64::consts::PI;
 
 with_defaults! {

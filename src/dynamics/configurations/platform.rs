@@ -18,11 +18,11 @@
 //! stiff. RK4 takes joint damping explicitly and diverges there above 0.7 ms; `SemiImplicit` takes it implicitly.
 
 use super::configuration::{Configuration, DroneMap, PER_DEGREE, pair};
-use crate::defaults::with_defaults;
-use crate::dynamics::assembly::{Assembly, Join, Kind, Placement, Solid, rod};
-use crate::dynamics::vehicle::Vehicle;
-use crate::dynamics::vehicles::hummingbird;
-use crate::error::{Error, Result};
+use crate::assembly::{Assembly, Join, Kind, Placement, Solid, rod};
+use crate::vehicle::Vehicle;
+use crate::vehicles::hummingbird;
+use base::defaults::with_defaults;
+use base::error::{Error, Result};
 use std::f64::consts::TAU;
 
 const Z: [f64; 3] = [0.0, 0.0, 1.0];

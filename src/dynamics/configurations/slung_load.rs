@@ -16,13 +16,13 @@
 //! Unlike the bar of [`Payload`](super::Payload), a cable pulls and never pushes, and lets the drone turn freely.
 
 use super::configuration::{Configuration, DroneMap};
-use crate::defaults::with_defaults;
-use crate::dynamics::GRAVITY;
-use crate::dynamics::assembly::{Assembly, Member, Solid, group, single};
-use crate::dynamics::tree::{CABLE_ROUND, Cable, CableEnd};
-use crate::dynamics::vehicle::Vehicle;
-use crate::dynamics::vehicles::hummingbird;
-use crate::error::{Error, Result};
+use crate::GRAVITY;
+use crate::assembly::{Assembly, Member, Solid, group, single};
+use crate::tree::{CABLE_ROUND, Cable, CableEnd};
+use crate::vehicle::Vehicle;
+use crate::vehicles::hummingbird;
+use base::defaults::with_defaults;
+use base::error::{Error, Result};
 use std::f64::consts::{FRAC_PI_2, TAU};
 
 /// Most drones on one load.
@@ -66,7 +66,7 @@ impl SlungLoad {
     ///
     /// # Errors
     /// [`Error::Limit`] for no drone or more than 8; [`Error::Value`] for a spread of 90° or more; otherwise as
-    /// [`Assembly::model`] and [`Model::with_cables`](crate::dynamics::tree::Model::with_cables).
+    /// [`Assembly::model`] and [`Model::with_cables`](crate::tree::Model::with_cables).
     pub fn build(&self) -> Result<Configuration<SlungLoadMap>> {
         let n = self.n_drone;
         if n == 0 || n > MAX_DRONES {
@@ -93,12 +93,12 @@ impl SlungLoad {
         let payload = apart.body("payload")?;
         let end = |body: usize| CableEnd { body: Some(body), point: [0.0; 3] };
         let (stiffness, dissipation) = (self.stiffness, self.dissipation);
-        let cable = |(i, drone): (usize, &crate::dynamics::tree::Drone)| {
+        let cable = |(i, drone): (usize, &crate::tree::Drone)| {
             let ends = [end(drone.body), end(payload)];
             Cable { name: format!("cable_{i}"), ends, length: self.length, stiffness, dissipation }
         };
         let model = apart.with_cables(apart.drones().iter().enumerate().map(cable))?;
-        let map = |drone: &crate::dynamics::tree::Drone| DroneMap { body: drone.body, rotors: drone.rotors.clone() };
+        let map = |drone: &crate::tree::Drone| DroneMap { body: drone.body, rotors: drone.rotors.clone() };
         let drones = model.drones().iter().map(map).collect();
         Ok(Configuration { model, map: SlungLoadMap { drones, payload } })
     }
@@ -113,11 +113,11 @@ impl SlungLoad {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::autodiff::certificate::Bounds;
-    use crate::autodiff::{System, certify};
-    use crate::dynamics::tree::free_motion::{energy, run};
-    use crate::dynamics::tree::{Multibody, cable_tensions, check_cables, model_parameter_names, momentum};
-    use crate::dynamics::{Effects, Integrator, Physics, World};
+    use crate::tree::free_motion::{energy, run};
+    use crate::tree::{Multibody, cable_tensions, check_cables, model_parameter_names, momentum};
+    use crate::{Effects, Integrator, Physics, World};
+    use autodiff::certificate::Bounds;
+    use autodiff::{System, certify};
 
     const RK4: Integrator = Integrator::RungeKutta4;
     const SEMI: Integrator = Integrator::SemiImplicit;

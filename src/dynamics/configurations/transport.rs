@@ -19,10 +19,10 @@
 //! - Joints are found by name, so a task sees all 8 n angles; OmniDrones reads the first 16 (defect 24).
 
 use super::configuration::{Configuration, DroneMap, PER_DEGREE, pair};
-use crate::dynamics::assembly::{Assembly, Join, Kind, Solid};
-use crate::dynamics::vehicle::Vehicle;
-use crate::dynamics::vehicles::hummingbird;
-use crate::error::Result;
+use crate::assembly::{Assembly, Join, Kind, Solid};
+use crate::vehicle::Vehicle;
+use crate::vehicles::hummingbird;
+use base::error::Result;
 use std::f64::consts::PI;
 
 /// Parameters; `Default` is the paper's with four drones.

@@ -1,7 +1,7 @@
 //! Nearest points of segments, and directions between points that may coincide.
 
-use crate::autodiff::{Scalar, safe};
-use crate::dynamics::spatial::{Vec3, axpy, dot, sub};
+use crate::spatial::{Vec3, axpy, dot, sub};
+use autodiff::{Scalar, safe};
 
 /// Floor on the squared length of a segment, m²: a shorter one is a point.
 const SQUARED_LENGTH_FLOOR: f64 = 1e-12;
@@ -69,9 +69,9 @@ pub(crate) fn points_of_segments<S: Scalar>(a: Vec3<S>, b: Vec3<S>, c: Vec3<S>, 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::autodiff::safe::norm;
-    use crate::rng::{Purpose, Stream};
+    use autodiff::safe::norm;
     use num_dual::Dual64;
+    use rng::{Purpose, Stream};
 
     fn random(r: &mut Stream) -> Vec3<f64> {
         [r.uniform(-1.0, 1.0), r.uniform(-1.0, 1.0), r.uniform(-1.0, 1.0)]

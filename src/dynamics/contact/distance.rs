@@ -12,10 +12,10 @@
 
 use super::closest::point_on_segment;
 use super::pairs::{capsule_capsule, corners, round, round_contact, segment, sphere_relief};
-use crate::autodiff::{Mask, Scalar, safe};
-use crate::dynamics::relief::Relief;
-use crate::dynamics::shape::{Geometry, Pose};
-use crate::dynamics::spatial::{Vec3, axpy, constants, cross, dot, mat_mul, mat_vec, matrix, scale, sub, transpose};
+use crate::relief::Relief;
+use crate::shape::{Geometry, Pose};
+use crate::spatial::{Vec3, axpy, constants, cross, dot, mat_mul, mat_vec, matrix, scale, sub, transpose};
+use autodiff::{Mask, Scalar, safe};
 
 /// Steps of the golden section along a capsule: 0.618³² = 2e-7 of its length.
 const SEARCH_STEPS: usize = 32;
@@ -111,7 +111,8 @@ pub fn distance<S: Scalar>(geometry1: &Geometry, pose1: &Pose<S>, geometry2: &Ge
 }
 
 /// Distance of a geometry at `pose` to the capsule of `radius` around the segment `axis` of the world, m.
-pub(crate) fn to_capsule<S: Scalar>(geometry: &Geometry, pose: &Pose<S>, axis: [Vec3<S>; 2], radius: f64) -> S {
+#[doc(hidden)]
+pub fn to_capsule<S: Scalar>(geometry: &Geometry, pose: &Pose<S>, axis: [Vec3<S>; 2], radius: f64) -> S {
     let around = S::constant(radius);
     match *geometry {
         Geometry::Sphere { radius } => point_capsule(pose.position, axis[0], axis[1], around) - S::constant(radius),
@@ -217,9 +218,9 @@ fn half(size: [f64; 3]) -> [f64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dynamics::spatial::from_euler;
-    use crate::rng::{Purpose, Stream};
+    use crate::spatial::from_euler;
     use num_dual::Dual64;
+    use rng::{Purpose, Stream};
 
     fn pose(r: &mut Stream, spread: f64) -> Pose<f64> {
         let mut u = |x: f64| r.uniform(-x, x);

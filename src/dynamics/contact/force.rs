@@ -2,8 +2,8 @@
 
 use super::material::Material;
 use super::pairs::Contact;
-use crate::autodiff::{Scalar, safe};
-use crate::dynamics::spatial::{Vec3, axpy, dot, scale};
+use crate::spatial::{Vec3, axpy, dot, scale};
+use autodiff::{Scalar, safe};
 
 /// Floor of the depth under the root, m: below it δ^{3/2} is 1e-6 m^{1/2} · δ.
 const DEPTH_FLOOR: f64 = 1e-12;

@@ -1,10 +1,10 @@
 //! Material of a contact: as data ([`ContactMaterial`]) and as numbers for kernels ([`Material`]).
 
-use crate::autodiff::Scalar;
-use crate::dynamics::integrate::{Grid, Integrator};
-use crate::dynamics::shape::within;
-use crate::dynamics::vehicle::GRAVITY;
-use crate::error::Result;
+use crate::integrate::{Grid, Integrator};
+use crate::shape::within;
+use crate::vehicle::GRAVITY;
+use autodiff::Scalar;
+use base::error::Result;
 use serde::{Deserialize, Serialize};
 
 /// Stiffness, dissipation and friction of one contact point.
@@ -13,13 +13,13 @@ use serde::{Deserialize, Serialize};
 /// δ₀ = (m g/(n k))^{2/3} and bobs there at ω = √(3g/(2δ₀)), whatever its mass. The default lets 0.7 kg on four
 /// points sink by 0.51 mm: ω = 170 rad/s, ω·dt = 0.34 at 2 ms, where RK4 is stable below 2.8 and accurate below 0.5.
 /// A lighter body sinks less and bobs faster on the same material: [`ContactMaterial::resting`] finds its stiffness. A
-/// [`Multibody`](crate::dynamics::tree::Multibody) takes no more of it, nor of damping, than its substep resolves
-/// ([`check_contact`](crate::dynamics::tree::check_contact)).
+/// [`Multibody`](crate::tree::Multibody) takes no more of it, nor of damping, than its substep resolves
+/// ([`check_contact`](crate::tree::check_contact)).
 ///
 /// Impacts are stiffer than rest: from 1 m that body bounces at up to 400 rad/s. Friction damps slip at up to
 /// μ F_n/(m v_s), 8000/s with the default. A step of 2 ms does not resolve the latter, yet it gained at most 5e-5 J in
 /// any step of such falls at the default slip speed, and 3e-3 J at half of it; none gained energy over a bounce. Below
-/// 50 m/s² times the substep a [`Multibody`](crate::dynamics::tree::Multibody) samples friction implicitly (see its module).
+/// 50 m/s² times the substep a [`Multibody`](crate::tree::Multibody) samples friction implicitly (see its module).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ContactMaterial {
@@ -31,7 +31,7 @@ pub struct ContactMaterial {
     pub friction: f64,
     /// v_s, m/s: at slip v_s friction reaches 71 % of μ F_n. Below, it is viscous: a body at rest on a slope of angle α
     /// creeps at v_s r/√(1 − r²), r = tan α/μ. Where friction sticks, as in a
-    /// [`Multibody`](crate::dynamics::tree::Multibody) that does not resolve v_s, at v_s r/(1 − r⁴)^{1/4}.
+    /// [`Multibody`](crate::tree::Multibody) that does not resolve v_s, at v_s r/(1 − r⁴)^{1/4}.
     pub slip_speed: f64,
 }
 
@@ -43,7 +43,7 @@ impl Default for ContactMaterial {
 }
 
 impl ContactMaterial {
-    /// The default with a slip speed of 1 mm/s: in a [`Multibody`](crate::dynamics::tree::Multibody) what rests on a slope then
+    /// The default with a slip speed of 1 mm/s: in a [`Multibody`](crate::tree::Multibody) what rests on a slope then
     /// stands, within that creep. The step must resolve the stiffness all the same.
     #[must_use]
     pub fn sticking() -> Self {

@@ -9,12 +9,12 @@
 //! | `distance` | signed distance of every pair, those without a force included |
 //!
 //! Spheres and capsules push against plane, sphere and capsule; a box pushes with its eight corners against the plane. Other
-//! pairs with a box have a signed distance here; in a [`Multibody`](crate::dynamics::tree::Multibody) they push too, one of
+//! pairs with a box have a signed distance here; in a [`Multibody`](crate::tree::Multibody) they push too, one of
 //! the two by balls within it.
 //!
 //! The force in time is passive: what it gives back on the way out is at most what it took on the way in, and friction
 //! always opposes slip. An integrator keeps that only while its step resolves the contact: see
-//! [`ContactMaterial`] for the numbers. A [`Multibody`](crate::dynamics::tree::Multibody) takes no more stiffness and damping
+//! [`ContactMaterial`] for the numbers. A [`Multibody`](crate::tree::Multibody) takes no more stiffness and damping
 //! than that.
 //!
 //! **Derivatives.** In depth the normal force is continuously differentiable, touch included (δ^{3/2} leaves with zero
@@ -25,8 +25,10 @@
 //! is that of the resolved, compliant impact: finite, and as steep as its stiffness.
 
 pub(crate) mod closest;
-pub(crate) mod distance;
-pub(crate) mod force;
+#[doc(hidden)]
+pub mod distance;
+#[doc(hidden)]
+pub mod force;
 pub(crate) mod material;
 pub(crate) mod pairs;
 

@@ -4,10 +4,10 @@
 //! them for two [`Geometry`]s with their poses.
 
 use super::closest::{direction, point_on_segment, points_of_segments};
-use crate::autodiff::Scalar;
-use crate::dynamics::relief::Relief;
-use crate::dynamics::shape::{Geometry, Pose};
-use crate::dynamics::spatial::{Mat3, Vec3, axpy, constants, mat_vec, sub, transpose};
+use crate::relief::Relief;
+use crate::shape::{Geometry, Pose};
+use crate::spatial::{Mat3, Vec3, axpy, constants, mat_vec, sub, transpose};
+use autodiff::Scalar;
 
 /// Most points at which one pair touches: the corners of a box.
 pub const MAX_CONTACTS: usize = 8;
@@ -241,9 +241,9 @@ pub(super) fn round_contact<S: Scalar>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dynamics::contact::distance::{plane_distance, point};
-    use crate::dynamics::spatial::{dot, from_euler};
-    use crate::rng::{Purpose, Stream};
+    use crate::contact::distance::{plane_distance, point};
+    use crate::spatial::{dot, from_euler};
+    use rng::{Purpose, Stream};
 
     const SHAPES: [Geometry; 3] = [
         Geometry::Sphere { radius: 0.3 },
@@ -288,7 +288,7 @@ mod tests {
         for case in 0..600 {
             let frame = pose(&mut r);
             let center = frame.point([r.uniform(-0.5, 0.5), r.uniform(-0.5, 0.5), r.uniform(-0.5, 0.5)]);
-            let rotation = crate::dynamics::spatial::matrix(frame.attitude);
+            let rotation = crate::spatial::matrix(frame.attitude);
             let c = sphere_box(center, 0.1, (frame.position, &rotation), size.map(|edge| 0.5 * edge));
             let distance = point(center, &Geometry::Box { size }, &frame);
             assert!((c.depth - (0.1 - distance)).abs() < 2e-9, "case {case}: {} at {distance}", c.depth);
@@ -304,7 +304,7 @@ mod tests {
 
     #[test]
     fn a_ball_on_a_slope_is_as_deep_as_geometry_says() {
-        let relief = crate::dynamics::Relief::inclined(0.3);
+        let relief = crate::Relief::inclined(0.3);
         // its centre 8 cm above the ground along the normal
         let center = [1.0 - 0.08 * 0.3_f64.sin(), 2.0, 1.0 * 0.3_f64.tan() + 0.08 * 0.3_f64.cos() + 0.5];
         let c = sphere_relief(center, 0.1, 0.5, &relief);

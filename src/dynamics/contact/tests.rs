@@ -1,12 +1,12 @@
 //! What a contact does over time: energy, rest, sliding; and what its derivatives are.
 
 use super::*;
-use crate::autodiff::{Program, Recording, Scalar, Trace, safe};
-use crate::dynamics::GRAVITY;
-use crate::dynamics::shape::{Geometry, Pose};
-use crate::dynamics::spatial::{Vec3, add, cross, derivative, dot, from_euler, neg, rotate, rotate_back, sub, unit};
-use crate::rng::{Purpose, Stream};
+use crate::GRAVITY;
+use crate::shape::{Geometry, Pose};
+use crate::spatial::{Vec3, add, cross, derivative, dot, from_euler, neg, rotate, rotate_back, sub, unit};
+use autodiff::{Program, Recording, Scalar, Trace, safe};
 use num_dual::Dual64;
+use rng::{Purpose, Stream};
 
 /// What explicit steps of 2 ms bear.
 fn explicit() -> ContactMaterial {
@@ -327,8 +327,7 @@ fn forces_between_two_bodies_are_equal_and_opposite_and_push_apart() {
         for k in 0..3 {
             assert_eq!(on_a.force[k], -on_b.force[k]);
             // angular momentum about the world's origin
-            let l =
-                |m: &Motion<f64>, l: &Load<f64>| crate::dynamics::spatial::cross(m.position, l.force)[k] + l.moment[k];
+            let l = |m: &Motion<f64>, l: &Load<f64>| crate::spatial::cross(m.position, l.force)[k] + l.moment[k];
             let sum = l(&a, &on_a) + l(&b, &on_b);
             assert!(sum.abs() < 1e-9 * (1.0 + safe::norm(on_a.force)), "case {case}: {sum} N m left");
         }

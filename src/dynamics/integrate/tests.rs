@@ -2,10 +2,10 @@
 //! Plain, dual, traced and lane steps of the public system are compared in `tests/one_source.rs`.
 
 use super::*;
-use crate::autodiff::jet::Jet;
-use crate::dynamics::{Vehicle, vehicles};
-use crate::rng::{Purpose, Stream};
+use crate::{Vehicle, vehicles};
+use autodiff::jet::Jet;
 use num_dual::{Derivative, Dual64, DualSVec64, DualVec, HyperDual64};
+use rng::{Purpose, Stream};
 
 /// Enough for every built-in vehicle.
 const R: usize = 12;

@@ -1,8 +1,8 @@
 //! What stands in place of trees and files where the feature `mesh` is off.
 
 use super::check::Triangles;
-use crate::dynamics::spatial::Vec3;
-use crate::error::{Error, Result};
+use crate::spatial::Vec3;
+use base::error::{Error, Result};
 
 /// There is none.
 #[derive(Debug)]

@@ -1,8 +1,8 @@
 //! What triangles must be for their outside to be told from their inside.
 
 use super::{MAX_TRIANGLES, area};
-use crate::dynamics::spatial::{Vec3, dot, sub};
-use crate::error::{Error, Result, finite};
+use crate::spatial::{Vec3, dot, sub};
+use base::error::{Error, Result, finite};
 
 /// Largest coordinate, in units of the mesh: its square is far from the end of `f64`.
 const FARTHEST: f64 = 1e9;

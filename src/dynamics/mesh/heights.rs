@@ -1,8 +1,8 @@
 //! A grid of heights as a closed mesh: two triangles per cell, walls at the border, a floor.
 
 use super::check::{Triangles, check_count};
-use crate::dynamics::shape::within;
-use crate::error::{Error, Result, finite};
+use crate::shape::within;
+use base::error::{Error, Result, finite};
 
 /// How far the floor is below the lowest height, m.
 const FLOOR: f64 = 1.0;

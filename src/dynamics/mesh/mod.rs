@@ -9,8 +9,8 @@
 //! | `boxes` | how that tree is made: in n log n, whatever the triangles |
 //! | `absent` | the error that there is in their place without it |
 //!
-//! A [`Mesh`] is seen by rays ([`sensors::cast`](crate::dynamics::sensors::cast)) from outside, as everything else. It exerts no
-//! force, and distances ([`Scene::distance`](crate::dynamics::scene::Scene::distance)) do not know it; so that nobody takes it for a wall, a scene refuses one that
+//! A [`Mesh`] is seen by rays ([`sensors::cast`](crate::sensors::cast)) from outside, as everything else. It exerts no
+//! force, and distances ([`Scene::distance`](crate::scene::Scene::distance)) do not know it; so that nobody takes it for a wall, a scene refuses one that
 //! does not say so ([`Mesh::only_seen`]). What is to be touched is stood in for by boxes and capsules: obstacles that the mesh encloses.
 //!
 //! Its triangles and their tree are shared by all environments and all placements; what differs is a pose and a scale.
@@ -31,8 +31,8 @@ mod tests;
 
 use super::shape::{MAX_SIZE, Pose, upright, validate_pose, within};
 use super::spatial::{Vec3, cross, dot, rotate, rotate_back, scale, sub, unit};
-use crate::error::{Error, Result};
 use backend::Tree;
+use base::error::{Error, Result};
 use check::Triangles;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -45,6 +45,7 @@ pub const MAX_TRIANGLES: usize = 1_000_000;
 /// A closed surface of triangles that stands still, with its pose in the world.
 ///
 /// ```no_run
+/// # use omnidrones_dynamics::omnidrones;
 /// use omnidrones::dynamics::Mesh;
 /// use omnidrones::dynamics::scene::Scene;
 /// let hall = Mesh::from_file("hall", "hall.stl")?.scaled(1e-3).at([4.0, 0.0, 0.0]).only_seen();
@@ -179,7 +180,7 @@ impl Mesh {
     /// Checks place and scale, and that it says not to be touched; triangles were checked when it was made. `what` names it.
     ///
     /// # Errors
-    /// A pose as [`Shape::validate`](crate::dynamics::shape::Shape::validate) refuses; a scale that is not above 0, or makes it
+    /// A pose as [`Shape::validate`](crate::shape::Shape::validate) refuses; a scale that is not above 0, or makes it
     /// larger than 10⁴ m; `contact`.
     pub fn validate(&self, what: &str) -> Result<()> {
         if self.contact {

@@ -7,8 +7,8 @@
 use super::boxes::tree;
 use super::check::Triangles;
 use super::{entry, sooner};
-use crate::dynamics::spatial::{Vec3, axpy, dot, sub};
-use crate::error::Result;
+use crate::spatial::{Vec3, axpy, dot, sub};
+use base::error::Result;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
 use obvhs::ray::{Ray, RayHit};

@@ -2,11 +2,11 @@
 
 use super::check::{Triangles, check_count};
 use super::{MAX_TRIANGLES, Mesh, Source, backend};
-use crate::dynamics::scene::{MAX_ELEMENTS, unique};
-use crate::dynamics::shape::upright;
-use crate::error::{Error, Result};
-use crate::file_gate;
-use crate::memory::Request;
+use crate::scene::{MAX_ELEMENTS, unique};
+use crate::shape::upright;
+use base::error::{Error, Result};
+use base::file_gate;
+use base::memory::Request;
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::ffi::OsString;
@@ -18,7 +18,7 @@ const MAX_STL_BYTES: u64 = 256 << 20;
 const TEXT_TRIANGLE: usize = 90;
 const TRIANGLE_BYTES: u128 = 400;
 /// Most triangles of all meshes of a scene, each counted where it stands: as many as rays can tell apart.
-const MAX_ALL: usize = crate::dynamics::sensors::cast::MAX_TRIANGLES;
+const MAX_ALL: usize = crate::sensors::cast::MAX_TRIANGLES;
 /// Largest file of heights, bytes.
 const MAX_CSV_BYTES: u64 = 64 << 20;
 

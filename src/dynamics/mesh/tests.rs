@@ -1,12 +1,12 @@
 //! Claims about meshes, each with what was measured.
 
 use super::*;
-use crate::dynamics::relief::{Relief, Wave};
-use crate::dynamics::scene::{Element, Obstacle, Scene};
-use crate::dynamics::sensors::cast::{Camera, Caster, NOTHING, Owner, Range, Rays, World};
-use crate::dynamics::shape::{Geometry, Shape};
-use crate::dynamics::spatial::add;
-use crate::rng::{Purpose, Stream};
+use crate::relief::{Relief, Wave};
+use crate::scene::{Element, Obstacle, Scene};
+use crate::sensors::cast::{Camera, Caster, NOTHING, Owner, Range, Rays, World};
+use crate::shape::{Geometry, Shape};
+use crate::spatial::add;
+use rng::{Purpose, Stream};
 
 fn stream(which: u64) -> Stream {
     Stream::new(61, which, 0, Purpose::user(61))
@@ -376,9 +376,9 @@ fn a_scene_file_tells_what_is_wrong_with_its_meshes() {
 
 #[test]
 fn a_flight_in_a_scene_sees_its_meshes_and_nothing_touches_them() {
-    use crate::dynamics::configurations::environment::vehicle_in;
-    use crate::dynamics::sensors::{Aboard, SensorConfig};
-    use crate::dynamics::{Physics, Plant, vehicles};
+    use crate::configurations::environment::vehicle_in;
+    use crate::sensors::{Aboard, SensorConfig};
+    use crate::{Physics, Plant, vehicles};
     let wall = mesh("wall", cuboid([1.0, 8.0, 8.0])).at([3.0, 0.0, 0.0]);
     let scene = Scene { mesh: vec![wall], ..Scene::grounded() };
     let vehicle = vehicles::by_name("hummingbird").unwrap();

@@ -21,12 +21,12 @@ pub struct Effects {
     /// Wind, and force and moment from outside: [`Disturbance`](super::Disturbance).
     pub disturbance: bool,
     /// Wakes of the drones of one environment on each other (`downwash`); in a
-    /// [`Multibody`](crate::dynamics::tree::Multibody), or a [`Fleet`](crate::dynamics::Fleet) through its own setting.
+    /// [`Multibody`](crate::tree::Multibody), or a [`Fleet`](crate::Fleet) through its own setting.
     pub downwash: bool,
     /// Wakes of drones on what they carry and on whatever else has shapes and no rotors, their own loads included: the far wake's
-    /// dynamic pressure T/A on the area that faces it, of rotors that have a radius (`aero::downwash`); in a [`Multibody`](crate::dynamics::tree::Multibody) only.
+    /// dynamic pressure T/A on the area that faces it, of rotors that have a radius (`aero::downwash`); in a [`Multibody`](crate::tree::Multibody) only.
     pub load_downwash: bool,
-    /// Forces between shapes that touch, and on the ground; in a [`Multibody`](crate::dynamics::tree::Multibody) only.
+    /// Forces between shapes that touch, and on the ground; in a [`Multibody`](crate::tree::Multibody) only.
     pub contact: bool,
     /// Set by [`RigidModel::effects_of`](super::RigidModel::effects_of) where a rotor is not along body z; ask for it where rotors of later
     /// vehicles of a batch may be tilted.

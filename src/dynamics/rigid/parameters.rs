@@ -1,9 +1,9 @@
 //! The physics of a vehicle as one vector of numbers.
 
-use crate::dynamics::domain::Domain;
-use crate::dynamics::rotor::{N_ROTOR_PARAMETER, ROTOR_PARAMETERS};
-use crate::dynamics::vehicle::{GRAVITY, Inertia, Part, Rotor, Vehicle};
-use crate::error::{Error, Result};
+use crate::domain::Domain;
+use crate::rotor::{N_ROTOR_PARAMETER, ROTOR_PARAMETERS};
+use crate::vehicle::{GRAVITY, Inertia, Part, Rotor, Vehicle};
+use base::error::{Error, Result};
 
 /// One number of an airframe: how it is called and printed, and what it may be.
 #[derive(Debug, Clone, Copy)]
@@ -37,8 +37,8 @@ macro_rules! body_parameters {
 
         /// Places among the numbers of an airframe; groups of three and the six of the inertia by the first.
         #[allow(non_upper_case_globals, dead_code)]
-        pub(crate) mod at {
-            $(pub(crate) const $name: usize = super::Place::$name as usize;)*
+        pub mod at {
+            $(pub const $name: usize = super::Place::$name as usize;)*
         }
     };
 }
@@ -132,7 +132,7 @@ pub fn vehicle_of(vehicle: &Vehicle, parameters: &[f64]) -> Result<Vehicle> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dynamics::vehicles;
+    use crate::vehicles;
 
     #[test]
     fn a_vehicle_of_other_numbers_has_those_numbers() {
@@ -141,7 +141,7 @@ mod tests {
             let mut wanted = parameter_vector(&vehicle);
             wanted[at::mass] *= 1.3;
             wanted[at::center_of_mass_z] += 0.01;
-            let thrust = BODY_PARAMETERS.len() + crate::dynamics::rotor::at::thrust_coefficient;
+            let thrust = BODY_PARAMETERS.len() + crate::rotor::at::thrust_coefficient;
             wanted[thrust] *= 0.9;
             let own = vehicle_of(&vehicle, &wanted).unwrap();
             let off = parameter_vector(&own).iter().zip(&wanted).fold(0.0_f64, |m, (a, b)| m.max((a - b).abs()));

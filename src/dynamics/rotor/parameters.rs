@@ -1,7 +1,7 @@
 //! The sixteen numbers of a rotor: one table, from which vectors, names, packing, signs and printed sheets come.
 
-use crate::dynamics::domain::Domain;
-use crate::dynamics::vehicle::Rotor;
+use crate::domain::Domain;
+use crate::vehicle::Rotor;
 
 /// One number of a rotor: how it is called and printed, what it may be, where a [`Rotor`] holds it.
 #[derive(Debug, Clone, Copy)]
@@ -42,14 +42,15 @@ macro_rules! rotor_parameters {
 
         /// Places among the numbers of one rotor.
         #[allow(non_upper_case_globals, dead_code)]
-        pub(crate) mod at {
-            $(pub(crate) const $name: usize = super::Place::$name as usize;)*
+        pub mod at {
+            $(pub const $name: usize = super::Place::$name as usize;)*
         }
     };
 }
 
 /// Numbers of one rotor.
-pub(crate) const N_ROTOR_PARAMETER: usize = 16;
+#[doc(hidden)]
+pub const N_ROTOR_PARAMETER: usize = 16;
 
 rotor_parameters! {
     position_x: AnySign, "r_x", "m", "hub, forward", position[0];

@@ -1,11 +1,11 @@
 use super::*;
-use crate::autodiff::trace::on_constants;
-use crate::autodiff::{Scalar, Trace};
-use crate::dynamics::batch::Plant;
-use crate::dynamics::domain::Domain;
-use crate::dynamics::rigid::{parameter_domains, parameter_names, parameter_vector};
-use crate::dynamics::tree::{model_parameter_domains, model_parameter_names, model_parameters};
-use crate::dynamics::{Effects, Physics, Rotor, Vehicle, assembly, vehicles};
+use crate::batch::Plant;
+use crate::domain::Domain;
+use crate::rigid::{parameter_domains, parameter_names, parameter_vector};
+use crate::tree::{model_parameter_domains, model_parameter_names, model_parameters};
+use crate::{Effects, Physics, Rotor, Vehicle, assembly, vehicles};
+use autodiff::trace::on_constants;
+use autodiff::{Scalar, Trace};
 use num_dual::Dual64;
 
 const N: usize = N_ROTOR_PARAMETER;
@@ -30,7 +30,7 @@ fn every_number_of_the_table_stands_at_its_place_in_vectors_names_and_domains() 
     let first = model_parameter_names(&model).iter().position(|n| n.ends_with("rotor_0.position_x")).unwrap();
     let rigid = (parameter_vector(&vehicle), parameter_names(&vehicle), parameter_domains(&vehicle));
     let tree = (model_parameters(&model), model_parameter_names(&model), model_parameter_domains(&model));
-    let begins = [crate::dynamics::rigid::BODY_PARAMETERS.len(), first];
+    let begins = [crate::rigid::BODY_PARAMETERS.len(), first];
     for ((values, names, domains), first) in [rigid, tree].into_iter().zip(begins) {
         assert_eq!((values.len(), domains.len()), (names.len(), names.len()));
         for (r, rotor) in vehicle.rotors.iter().enumerate() {

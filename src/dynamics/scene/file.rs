@@ -1,12 +1,12 @@
 //! Scenes as TOML: the fields of [`Scene`] by their own names, SI units, and `[[generate]]` tables that are drawn from seeds.
 
 use super::{Gate, Generator, Obstacle, Scene};
-use crate::dynamics::contact::ContactMaterial;
-use crate::dynamics::mesh::{MeshTable, meshes};
-use crate::dynamics::relief::Relief;
-use crate::dynamics::vehicle_file::in_file;
-use crate::error::Result;
-use crate::reader;
+use crate::contact::ContactMaterial;
+use crate::mesh::{MeshTable, meshes};
+use crate::relief::Relief;
+use crate::vehicle_file::in_file;
+use base::error::Result;
+use base::reader;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -33,6 +33,7 @@ impl Scene {
     /// those of the file, or else the first that is drawn.
     ///
     /// ```
+    /// # use omnidrones_dynamics::omnidrones;
     /// use omnidrones::dynamics::scene::Scene;
     /// let scene = Scene::from_toml_str(r#"
     ///     [[generate]]
@@ -49,8 +50,8 @@ impl Scene {
     /// ```
     ///
     /// # Errors
-    /// [`Error::Format`](crate::error::Error::Format) with line or element for what is no TOML, an unknown key, and numbers that
-    /// [`validate`](Self::validate) or a generator refuses; as [`Mesh`](crate::dynamics::Mesh) for meshes, whose files are
+    /// [`Error::Format`](base::error::Error::Format) with line or element for what is no TOML, an unknown key, and numbers that
+    /// [`validate`](Self::validate) or a generator refuses; as [`Mesh`](crate::Mesh) for meshes, whose files are
     /// named from the working folder.
     pub fn from_toml_str(text: &str, file_name: &str) -> Result<Self> {
         Self::from_text(text, file_name, Path::new(""))
@@ -65,11 +66,11 @@ impl Scene {
     /// Reads and checks a scene file of at most 16 MiB. Files of meshes are named from its folder.
     ///
     /// # Errors
-    /// As [`from_toml_str`](Self::from_toml_str); [`Error::File`](crate::error::Error::File) and
-    /// [`Error::Limit`](crate::error::Error::Limit) for what cannot be read.
+    /// As [`from_toml_str`](Self::from_toml_str); [`Error::File`](base::error::Error::File) and
+    /// [`Error::Limit`](base::error::Error::Limit) for what cannot be read.
     pub fn from_toml_file(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
-        let text = crate::file_gate::read_text(path, MAX_FILE_BYTES)?;
+        let text = base::file_gate::read_text(path, MAX_FILE_BYTES)?;
         Self::from_text(&text, &path.display().to_string(), path.parent().unwrap_or(Path::new("")))
     }
 }

@@ -1,11 +1,11 @@
 //! A gate: four bars around an opening, fixed or sliding on a spring.
 
-use crate::autodiff::{Scalar, safe};
-use crate::defaults::with_defaults;
-use crate::dynamics::contact::{ContactMaterial, force};
-use crate::dynamics::shape::{MAX_SIZE, MIN_SIZE, Pose, upright, validate_pose, within};
-use crate::dynamics::spatial::{Vec3, add, constants};
-use crate::error::{Error, Result};
+use crate::contact::{ContactMaterial, force};
+use crate::shape::{MAX_SIZE, MIN_SIZE, Pose, upright, validate_pose, within};
+use crate::spatial::{Vec3, add, constants};
+use autodiff::{Scalar, safe};
+use base::defaults::with_defaults;
+use base::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
 with_defaults! {
@@ -148,7 +148,7 @@ impl Gate {
     ///
     /// # Errors
     /// Lengths or scale outside `MIN_SIZE` to `MAX_SIZE`; bars so thick that nothing fits through; a pose as
-    /// [`Shape::validate`](crate::dynamics::shape::Shape::validate) refuses; a slide without mass or range.
+    /// [`Shape::validate`](crate::shape::Shape::validate) refuses; a slide without mass or range.
     pub fn validate(&self, what: &str) -> Result<()> {
         validate_pose(what, &self.position, &self.rotation)?;
         for (name, value) in [

@@ -1,11 +1,11 @@
 //! Distances, gradients, passages and errors of scenes.
 
 use super::*;
-use crate::autodiff::{Program, Recording, Trace};
-use crate::dynamics::contact::distance::point_capsule;
-use crate::dynamics::spatial::{from_euler, rotate};
-use crate::rng::{Purpose, Stream};
+use crate::contact::distance::point_capsule;
+use crate::spatial::{from_euler, rotate};
+use autodiff::{Program, Recording, Trace};
 use num_dual::Dual64;
+use rng::{Purpose, Stream};
 
 fn scene() -> Scene {
     let turned = from_euler(0.0, 0.0, 0.7);

@@ -4,11 +4,11 @@ use super::cast::World;
 use super::solids::{Solids, Surroundings};
 use super::touch::check_contact;
 use super::{Eyes, Model, SensorConfig, SensorSet, Sight, Truth};
-use crate::dynamics::frame::{FRAME, Frame};
-use crate::dynamics::plant::{Plant, Quantity};
-use crate::dynamics::scene::Scene;
-use crate::dynamics::tree::contact_forces;
-use crate::error::Result;
+use crate::frame::{FRAME, Frame};
+use crate::plant::{Plant, Quantity};
+use crate::scene::Scene;
+use crate::tree::contact_forces;
+use base::error::Result;
 
 /// A [`SensorSet`] that finds the truth in the states of a [`Plant`].
 #[derive(Debug, Clone)]
@@ -34,7 +34,7 @@ impl Aboard {
     /// see the plant's ground, what stands still in it, and the shapes of all bodies but their own.
     ///
     /// # Errors
-    /// As [`SensorSet::new`] and [`World::fill`]; [`Error::Value`](crate::error::Error::Value) for a sensor of contact where nothing touches.
+    /// As [`SensorSet::new`] and [`World::fill`]; [`Error::Value`](base::error::Error::Value) for a sensor of contact where nothing touches.
     pub fn new(configs: &[SensorConfig], plant: &Plant) -> Result<Self> {
         let set = SensorSet::new(configs, plant.physics().dt, &plant.body_names())?;
         let (plant, parameters) = (plant.clone(), plant.parameters());

@@ -10,12 +10,12 @@ use super::reading::{Form, MOST_LOST, check_count, is_lost};
 use super::shade;
 use super::sight::{Readings, Sight};
 use super::slope::Met;
-use crate::defaults::with_defaults;
-use crate::dynamics::scene::Element;
-use crate::dynamics::shape::Pose;
-use crate::dynamics::spatial::rotate_back;
-use crate::error::{Error, Result};
-use crate::rng::Stream;
+use crate::scene::Element;
+use crate::shape::Pose;
+use crate::spatial::rotate_back;
+use base::defaults::with_defaults;
+use base::error::{Error, Result};
+use rng::Stream;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 

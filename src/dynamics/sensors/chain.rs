@@ -13,8 +13,8 @@
 //! deviation over T is σ/√T for white noise and σ_b √(T/3) for the walk, T ≪ τ (IEEE Std 952-1997, annex C).
 
 use super::limits::{positive, within};
-use crate::error::{Error, Result};
-use crate::rng::Stream;
+use base::error::{Error, Result};
+use rng::Stream;
 use serde::{Deserialize, Serialize};
 
 /// Largest scale error and misalignment, standard deviations: beyond, a part is broken, not imprecise.

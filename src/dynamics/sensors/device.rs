@@ -2,8 +2,8 @@
 
 use super::mount::Motion;
 use super::sight::Sight;
-use crate::error::Result;
-use crate::rng::Stream;
+use base::error::Result;
+use rng::Stream;
 use std::borrow::Cow;
 
 /// A sensor at work. The numbers that it draws in a sample do not depend on what it measures.

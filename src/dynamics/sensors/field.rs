@@ -5,9 +5,9 @@ use super::device::{Device, KindSettings};
 use super::limits::{MAX_DISTANCE, within};
 use super::mount::Motion;
 use super::sight::Sight;
-use crate::dynamics::spatial::{Vec3, rotate_back};
-use crate::error::Result;
-use crate::rng::Stream;
+use crate::spatial::{Vec3, rotate_back};
+use base::error::Result;
+use rng::Stream;
 use serde::{Deserialize, Serialize};
 
 /// Mᵀ Rᵀ B, mount axes. The offset of its errors is hard iron, scale and misalignment are soft iron.

@@ -5,9 +5,9 @@ use super::device::{Device, KindSettings};
 use super::limits::within;
 use super::mount::Motion;
 use super::sight::Sight;
-use crate::dynamics::spatial::{exponential, multiply};
-use crate::error::Result;
-use crate::rng::Stream;
+use crate::spatial::{exponential, multiply};
+use base::error::Result;
+use rng::Stream;
 use serde::{Deserialize, Serialize};
 
 /// p + R r and v + R(ω × r) of the antenna, world axes: a receiver whose fixes are local already.

@@ -4,8 +4,8 @@ use super::chain::{ErrorModel, Errors};
 use super::device::{Device, KindSettings};
 use super::mount::Motion;
 use super::sight::Sight;
-use crate::error::Result;
-use crate::rng::Stream;
+use base::error::Result;
+use rng::Stream;
 use serde::{Deserialize, Serialize};
 
 /// f = Mᵀ Rᵀ(a_s − g) and Mᵀω, mount axes; a_s = v̇ + R(ω̇ × r + ω × (ω × r)) with v̇ = Δv/Δt over the step, what a strapdown

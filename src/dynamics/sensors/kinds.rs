@@ -8,8 +8,8 @@ use super::ground::{Flow, FlowDevice, Range, RangeDevice};
 use super::inertial::{Imu, ImuDevice};
 use super::lidar::{Lidar, LidarDevice};
 use super::touch::{Contact, ContactDevice};
-use crate::error::{Error, Result};
-use crate::reader;
+use base::error::{Error, Result};
+use base::reader;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 

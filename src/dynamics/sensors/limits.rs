@@ -1,6 +1,6 @@
 //! What numbers of sensors may be.
 
-use crate::error::{Error, Result, finite};
+use base::error::{Error, Result, finite};
 
 /// Farthest place of a sensor from the origin of its body, m.
 pub(crate) const MAX_LEVER: f64 = 100.0;

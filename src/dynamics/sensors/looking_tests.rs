@@ -2,13 +2,13 @@
 
 use super::cast::World;
 use super::*;
-use crate::autodiff::System;
-use crate::dynamics::configurations;
-use crate::dynamics::plant::Plant;
-use crate::dynamics::scene::Scene;
-use crate::dynamics::shape::{Geometry, Pose};
-use crate::dynamics::spatial::{Vec3, dot};
-use crate::dynamics::{Frame, Physics};
+use crate::configurations;
+use crate::plant::Plant;
+use crate::scene::Scene;
+use crate::shape::{Geometry, Pose};
+use crate::spatial::{Vec3, dot};
+use crate::{Frame, Physics};
+use autodiff::System;
 
 const UPRIGHT: [f64; 4] = [1.0, 0.0, 0.0, 0.0];
 
@@ -246,7 +246,7 @@ fn sensors_that_look_refuse_what_nothing_can_see() {
 #[test]
 fn at_rest_forces_of_contact_sum_to_the_weight() {
     let mut config = SensorConfig::new("feet", Model::Contact(Contact::default()));
-    let vehicle = crate::dynamics::vehicles::by_name("hummingbird").unwrap();
+    let vehicle = crate::vehicles::by_name("hummingbird").unwrap();
     let mut physics = Physics { dt: 0.002, ..Physics::default() };
     let lone = Plant::of_vehicle(&vehicle, physics).unwrap();
     let said = Aboard::new(&[config.clone()], &lone).map(|_| ()).unwrap_err().to_string();

@@ -33,6 +33,7 @@
 //! All is in `f64`. Readings of rays have derivatives by the pose of their body where [`Gradient::Pose`] asks for them, others none.
 //!
 //! ```
+//! # use omnidrones_dynamics::omnidrones;
 //! use omnidrones::dynamics::sensors::cast::World;
 //! use omnidrones::dynamics::sensors::{Eyes, SensorConfig, SensorSet, Sight, Truth};
 //! use omnidrones::dynamics::Frame;
@@ -69,8 +70,10 @@ mod settings;
 mod shade;
 mod sight;
 mod slope;
-pub(crate) mod solids;
-pub(crate) mod touch;
+#[doc(hidden)]
+pub mod solids;
+#[doc(hidden)]
+pub mod touch;
 
 pub use aboard::Aboard;
 pub use camera::{Camera, Show, Stereo};
@@ -93,11 +96,11 @@ pub use solids::Solid;
 pub use touch::Contact;
 
 use super::plant::Quantity;
-use crate::error::{Error, Result};
-use crate::rng::{Purpose, Stream};
+use base::error::{Error, Result};
 use chain::Line;
 use kinds::AtWork;
 use mount::Mount;
+use rng::{Purpose, Stream};
 
 /// Most sensors of one set.
 const MAX_SENSORS: usize = 256;

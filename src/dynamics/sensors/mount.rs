@@ -1,10 +1,10 @@
 //! Where a sensor sits on its body, and what happens there.
 
 use super::limits::{MAX_LEVER, within};
-use crate::dynamics::Frame;
-use crate::dynamics::shape::Pose;
-use crate::dynamics::spatial::{Quat, Vec3, add, axpy, cross, multiply, rotate, rotate_back, scale, sub};
-use crate::error::{Error, Result};
+use crate::Frame;
+use crate::shape::Pose;
+use crate::spatial::{Quat, Vec3, add, axpy, cross, multiply, rotate, rotate_back, scale, sub};
+use base::error::{Error, Result};
 
 /// How a body moves over a step that just ended, as sensors need it.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -12,8 +12,8 @@ use super::inertial::Imu;
 use super::kinds::Model;
 use super::lidar::{Lidar, Pattern};
 use super::reading::Form;
-use crate::error::{Error, Result};
 use PerAxis::{Each, Same};
+use base::error::{Error, Result};
 
 /// One line of the registry.
 #[derive(Debug, Clone, Copy)]

@@ -1,7 +1,7 @@
 //! How distances are told, and what goes wrong with them.
 
 use super::grain::Grain;
-use crate::error::{Error, Result};
+use base::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
 /// How a distance d becomes a reading. What sees nothing in range counts as `farthest`.

@@ -4,9 +4,9 @@ use super::kinds::{Kind, Model};
 use super::limits::{positive, within};
 use super::presets::{Preset, preset};
 use super::slope::Gradient;
-use crate::dynamics::spatial::{Quat, Vec3};
-use crate::error::{Error, Result};
-use crate::reader;
+use crate::spatial::{Quat, Vec3};
+use base::error::{Error, Result};
+use base::reader;
 use serde::{Deserialize, Serialize};
 
 /// Largest number of steps between two samples.
@@ -24,6 +24,7 @@ const MAX_NAME: usize = 64;
 /// one a sensor has no errors.
 ///
 /// ```
+/// # use omnidrones_dynamics::omnidrones;
 /// use omnidrones::dynamics::sensors::SensorConfig;
 ///
 /// let imu: SensorConfig = toml::from_str(r#"
@@ -187,7 +188,8 @@ impl SensorConfig {
     }
 
     /// How errors call it.
-    pub(crate) fn place(&self) -> String {
+    #[doc(hidden)]
+    pub fn place(&self) -> String {
         format!("sensor '{}'", self.name)
     }
 

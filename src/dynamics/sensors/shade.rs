@@ -2,9 +2,9 @@
 
 use super::cast::{Owner, Rays};
 use super::sight::Sight;
-use crate::dynamics::scene::Element;
-use crate::dynamics::shape::Pose;
-use crate::dynamics::spatial::{Vec3, axpy, dot};
+use crate::scene::Element;
+use crate::shape::Pose;
+use crate::spatial::{Vec3, axpy, dot};
 
 /// Towards the sun, unit, world.
 pub(crate) const SUN: Vec3<f64> = [0.36, 0.48, 0.8];

@@ -3,7 +3,7 @@
 use super::cast::{Camera, Caster, Rays, World};
 use super::slope::Met;
 use super::solids::Solid;
-use crate::dynamics::shape::Pose;
+use crate::shape::Pose;
 
 /// Working memory of sensors that cast rays: of one thread. It grows to the largest image and world it has met, and then
 /// allocates no more.

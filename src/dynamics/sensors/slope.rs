@@ -8,8 +8,8 @@
 
 use super::cast::normal::{Slope, on_surface};
 use super::cast::{GROUND, NOTHING, World};
-use crate::dynamics::shape::Pose;
-use crate::dynamics::spatial::Vec3;
+use crate::shape::Pose;
+use crate::spatial::Vec3;
 use serde::{Deserialize, Serialize};
 
 /// What gradients know of readings.

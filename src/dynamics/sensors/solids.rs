@@ -1,11 +1,11 @@
 //! The bodies of a plant, and what stands around them, as rays hit them.
 
-use crate::dynamics::frame::Frame;
-use crate::dynamics::plant::Plant;
-use crate::dynamics::scene::{Obstacle, Scene};
-use crate::dynamics::shape::{Geometry, Pose, Shape};
-use crate::dynamics::tree::Multibody;
-use crate::dynamics::tree::parameters::static_parameters;
+use crate::frame::Frame;
+use crate::plant::Plant;
+use crate::scene::{Obstacle, Scene};
+use crate::shape::{Geometry, Pose, Shape};
+use crate::tree::Multibody;
+use crate::tree::parameters::static_parameters;
 
 /// A shape that a body carries, where it is now.
 #[derive(Debug, Clone, Copy)]
@@ -20,14 +20,16 @@ pub struct Solid {
 
 /// All shapes that the bodies of a plant carry.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Solids {
+#[doc(hidden)]
+pub struct Solids {
     /// In the frames of their bodies.
     shapes: Vec<(usize, Shape)>,
     now: Vec<Solid>,
 }
 
 impl Solids {
-    pub(crate) fn of(plant: &Plant) -> Self {
+    #[doc(hidden)]
+    pub fn of(plant: &Plant) -> Self {
         let shapes: Vec<(usize, Shape)> = match plant {
             Plant::Rigid(own) => own.vehicle().shapes.iter().map(|shape| (0, *shape)).collect(),
             Plant::Tree(own) => own.model().shapes().iter().filter_map(|s| s.body.map(|b| (b, s.shape))).collect(),
@@ -37,13 +39,15 @@ impl Solids {
     }
 
     /// Without those of `body`, where nothing else is: what a sensor on the only body sees of bodies.
-    pub(crate) fn without_lone_body(self) -> Self {
+    #[doc(hidden)]
+    pub fn without_lone_body(self) -> Self {
         let first = self.shapes.first().map(|(body, _)| *body);
         if self.shapes.iter().all(|(body, _)| Some(*body) == first) { Self::default() } else { self }
     }
 
     /// Where bodies with these frames have them.
-    pub(crate) fn at(&mut self, frame: impl Fn(usize) -> Frame<f64>) -> &[Solid] {
+    #[doc(hidden)]
+    pub fn at(&mut self, frame: impl Fn(usize) -> Frame<f64>) -> &[Solid] {
         self.now.clear();
         self.now.extend(self.shapes.iter().map(|(body, shape)| {
             let Frame { position, attitude, .. } = frame(*body);
@@ -56,7 +60,8 @@ impl Solids {
 /// A scene with the shapes of a plant's model that stand still behind its own obstacles, what that model's ground rises by, and its
 /// meshes.
 #[derive(Debug, Clone)]
-pub(crate) struct Surroundings {
+#[doc(hidden)]
+pub struct Surroundings {
     /// All of it.
     pub scene: Scene,
     /// Numbers of the placement of the scene itself.
@@ -66,7 +71,8 @@ pub(crate) struct Surroundings {
 }
 
 impl Surroundings {
-    pub(crate) fn of(scene: &Scene, plant: &Plant) -> Self {
+    #[doc(hidden)]
+    pub fn of(scene: &Scene, plant: &Plant) -> Self {
         let (mut whole, own) = (scene.clone(), scene.n_placement());
         let mut standing = Vec::new();
         if let Some(model) = plant.tree().map(Multibody::model) {
@@ -86,7 +92,8 @@ impl Surroundings {
     }
 
     /// Where it all stands with these numbers of the plant; `place` writes the scene's own part.
-    pub(crate) fn place(&self, numbers: &[f64], placement: &mut Vec<f64>, place: impl FnOnce(&mut [f64])) {
+    #[doc(hidden)]
+    pub fn place(&self, numbers: &[f64], placement: &mut Vec<f64>, place: impl FnOnce(&mut [f64])) {
         placement.clear();
         placement.resize(self.own, 0.0);
         place(placement);

@@ -1,8 +1,8 @@
 use super::cast::World;
 use super::presets::preset;
 use super::*;
-use crate::dynamics::Frame;
-use crate::dynamics::spatial::{add, cross, exponential, from_euler, rotate, rotate_back};
+use crate::Frame;
+use crate::spatial::{add, cross, exponential, from_euler, rotate, rotate_back};
 
 const G: f64 = 9.81;
 const UPRIGHT: [f64; 4] = [1.0, 0.0, 0.0, 0.0];
@@ -433,8 +433,7 @@ fn motion_capture_turns_by_its_error_about_mount_axes() {
         let reading = sensor.read(&resting([0.0; 3], q)).to_vec();
         assert!(reading[3] >= 0.0);
         // rotated back by the truth, a small rotation remains: twice its vector part, with the sign of w
-        let [w, x, y, z] =
-            crate::dynamics::spatial::multiply([q[0], -q[1], -q[2], -q[3]], reading[3..7].try_into().unwrap());
+        let [w, x, y, z] = crate::spatial::multiply([q[0], -q[1], -q[2], -q[3]], reading[3..7].try_into().unwrap());
         for (sum, part) in square.iter_mut().zip([x, y, z]) {
             *sum += (2.0 * part * w.signum()).powi(2) / 20_000.0;
         }
@@ -563,7 +562,7 @@ fn optical_flow_is_how_the_point_below_moves_through_the_picture() {
     let d = -p[2] / axis[2];
     let ground = add(p, axis.map(|a| a * d));
     let later_p = add(p, v.map(|v| v * dt));
-    let later_q = crate::dynamics::spatial::multiply(q, exponential(spin.map(|w| w * dt)));
+    let later_q = crate::spatial::multiply(q, exponential(spin.map(|w| w * dt)));
     let seen = rotate_back(later_q, [0, 1, 2].map(|k| ground[k] - later_p[k]));
     let gain = 35.0 / 0.717;
     for k in 0..2 {
@@ -709,7 +708,7 @@ fn every_setting_kind_and_preset_stands_in_the_document() {
     }
     for file in [include_str!("chain.rs"), include_str!("ground.rs"), include_str!("camera.rs")] {
         for name in ["ErrorModel", "Growth", "Stereo"] {
-            crate::documented::fields(file, name).iter().for_each(|(key, _)| said(key));
+            base::documented::fields(file, name).iter().for_each(|(key, _)| said(key));
         }
     }
 }

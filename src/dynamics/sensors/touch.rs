@@ -5,10 +5,10 @@ use super::device::{Device, KindSettings};
 use super::limits::within;
 use super::mount::Motion;
 use super::sight::Sight;
-use crate::defaults::with_defaults;
-use crate::dynamics::plant::Plant;
-use crate::error::{Error, Result};
-use crate::rng::Stream;
+use crate::plant::Plant;
+use base::defaults::with_defaults;
+use base::error::{Error, Result};
+use rng::Stream;
 use serde::{Deserialize, Serialize};
 
 with_defaults! {
@@ -35,7 +35,8 @@ impl KindSettings for Contact {
 }
 
 /// Refuses a sensor of contact on a plant that touches nothing.
-pub(crate) fn check_contact(place: &str, plant: &Plant) -> Result<()> {
+#[doc(hidden)]
+pub fn check_contact(place: &str, plant: &Plant) -> Result<()> {
     if plant.tree().is_some() && plant.physics().effects.contact {
         return Ok(());
     }

@@ -1,7 +1,7 @@
 //! Unit quaternions `[w, x, y, z]`, Hamilton product, body → world.
 
 use super::vector::{Mat3, Vec3, add, cross, dot, scale};
-use crate::autodiff::{Scalar, safe};
+use autodiff::{Scalar, safe};
 
 /// `[w, x, y, z]`.
 pub type Quat<S> = [S; 4];
@@ -25,7 +25,7 @@ pub fn rotate<S: Scalar>(q: Quat<S>, v: Vec3<S>) -> Vec3<S> {
 /// ‖q‖² R(q) v, for any q. Stages of an integrator leave the unit sphere by the order of the step; there [`rotate`]
 /// mixes in (1 − ‖q‖²) v, which does not turn with the body, so that a flight would depend on its heading.
 #[inline(always)]
-pub(crate) fn rotate_scaled<S: Scalar>(q: Quat<S>, v: Vec3<S>) -> Vec3<S> {
+pub fn rotate_scaled<S: Scalar>(q: Quat<S>, v: Vec3<S>) -> Vec3<S> {
     let u = [q[1], q[2], q[3]];
     let n = dot(q, q);
     let t = cross(u, v);
@@ -124,7 +124,7 @@ pub fn from_euler<S: Scalar>(roll: S, pitch: S, yaw: S) -> Quat<S> {
 
 /// The horizontal unit vector at a yaw, (cos ψ, sin ψ, 0).
 #[inline(always)]
-pub(crate) fn yawed<S: Scalar>(yaw: S) -> Vec3<S> {
+pub fn yawed<S: Scalar>(yaw: S) -> Vec3<S> {
     let (s, c) = yaw.sin_cos();
     [c, s, S::zero()]
 }

@@ -1,6 +1,6 @@
 //! Vectors of fixed length as plain arrays.
 
-use crate::autodiff::Scalar;
+use autodiff::Scalar;
 
 /// Three components in one frame.
 pub type Vec3<S> = [S; 3];
@@ -16,7 +16,7 @@ pub(crate) struct Wrench<S> {
 
 impl<S: Scalar> Wrench<S> {
     #[inline(always)]
-    pub(crate) fn zero() -> Self {
+    pub fn zero() -> Self {
         Self { force: [S::zero(); 3], moment: [S::zero(); 3] }
     }
 }

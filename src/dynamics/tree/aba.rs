@@ -17,10 +17,10 @@ use super::parameters::{ParameterView, at, link_parameters};
 use super::scratch::{Articulated, BodyScratch};
 use super::topology::{Kind, Topology};
 use super::torque::{self, Pass};
-use crate::autodiff::Scalar;
-use crate::dynamics::integrate::gyroscopic_jacobian;
-use crate::dynamics::rigid::{Symmetric, full, symmetric};
-use crate::dynamics::spatial::*;
+use crate::integrate::gyroscopic_jacobian;
+use crate::rigid::{Symmetric, full, symmetric};
+use crate::spatial::*;
+use autodiff::Scalar;
 
 /// Accelerations of all bodies and joints, from kinematics and outside forces; d/dt of state `x` into `rate`, but for
 /// the rotors.
@@ -113,7 +113,7 @@ fn times<S: Scalar>(m: &Symmetric<S>, v: Vec3<S>) -> Vec3<S> {
 }
 
 /// The moment −J Δω/h of the body alone over a step h, with Δω from one Newton step of the implicit gyroscopic equation
-/// (see [`integrate`](crate::dynamics::integrate)): ω × Jω as h → 0, never feeding energy in.
+/// (see [`integrate`](crate::integrate)): ω × Jω as h → 0, never feeding energy in.
 #[inline]
 fn implicit_gyroscopic<S: Scalar>(inertia: &Symmetric<S>, w: Vec3<S>, step: f64) -> Vec3<S> {
     let m = full(*inertia);

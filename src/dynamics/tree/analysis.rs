@@ -13,11 +13,11 @@ use super::scratch::{BodyScratch, Scratch, scratch_on_stack};
 use super::topology::{Kind, Topology, joined};
 use super::torque::{Drives, Pass};
 use super::wakes;
-use crate::autodiff::Scalar;
-use crate::dynamics::rigid::full;
-use crate::dynamics::spatial::*;
-use crate::dynamics::{contact, shape};
-use crate::error::Result;
+use crate::rigid::full;
+use crate::spatial::*;
+use crate::{contact, shape};
+use autodiff::Scalar;
+use base::error::Result;
 use nalgebra::DMatrix;
 
 /// Linear and angular momentum.
@@ -37,7 +37,8 @@ pub fn body_poses<S: Scalar>(system: &Multibody, state: &[S]) -> Vec<Pose<S>> {
 }
 
 /// As [`body_poses`], over what `poses` holds: allocates in its first call only.
-pub(crate) fn body_poses_into<S: Scalar>(system: &Multibody, state: &[S], poses: &mut Vec<Pose<S>>) {
+#[doc(hidden)]
+pub fn body_poses_into<S: Scalar>(system: &Multibody, state: &[S], poses: &mut Vec<Pose<S>>) {
     let t = system.topology();
     scratch_on_stack!(scratch, t, S);
     forward(t, Source::Constants(system.parameters()), state, scratch.bodies);
@@ -135,7 +136,8 @@ pub fn contact_forces<S: Scalar>(system: &Multibody, state: &[S]) -> Vec<Vec3<S>
 }
 
 /// As [`contact_forces`] with these numbers of the model.
-pub(crate) fn contact_forces_with<S: Scalar>(system: &Multibody, numbers: &[f64], state: &[S]) -> Vec<Vec3<S>> {
+#[doc(hidden)]
+pub fn contact_forces_with<S: Scalar>(system: &Multibody, numbers: &[f64], state: &[S]) -> Vec<Vec3<S>> {
     let (t, numbers) = (system.topology(), Source::Constants(numbers));
     scratch_on_stack!(scratch, t, S);
     let friction = if t.sticks { grip(system, numbers, state, &mut scratch) } else { Friction::Explicit };
@@ -181,7 +183,7 @@ fn grip<S: Scalar, P: ParameterView<S>>(
 pub struct Separation<S> {
     /// Numbers of the shapes in [`Model::shapes`]; the second is `None` for the ground.
     pub shapes: (usize, Option<usize>),
-    /// m; negative where they overlap. See [`distance`](fn@crate::dynamics::contact::distance).
+    /// m; negative where they overlap. See [`distance`](fn@crate::contact::distance).
     pub distance: S,
 }
 
@@ -280,7 +282,7 @@ fn own_momentum<S: Scalar, P: ParameterView<S>>(i: usize, numbers: P, body: &Bod
 /// Built from body Jacobians, Σ m Jvᵀ Jv + Jωᵀ (R J Rᵀ) Jω: for design, not for stepping.
 ///
 /// # Errors
-/// [`Error::Value`](crate::error::Error::Value) if the state has another length than the layout says.
+/// [`Error::Value`](base::error::Error::Value) if the state has another length than the layout says.
 pub fn mass_matrix(model: &Model, state: &[f64]) -> Result<DMatrix<f64>> {
     Multibody::check_length("state", state.len(), model.layout().n_state())?;
     Ok(mass_matrix_of(model, state))
@@ -289,7 +291,7 @@ pub fn mass_matrix(model: &Model, state: &[f64]) -> Result<DMatrix<f64>> {
 /// Jacobian of a named frame, 6 × n: `[velocity of its origin; angular velocity]` (world) = J ν.
 ///
 /// # Errors
-/// [`Error::Value`](crate::error::Error::Value) if the state has another length than the layout says.
+/// [`Error::Value`](base::error::Error::Value) if the state has another length than the layout says.
 pub fn frame_jacobian(model: &Model, state: &[f64], frame: &Frame) -> Result<DMatrix<f64>> {
     Multibody::check_length("state", state.len(), model.layout().n_state())?;
     Ok(point_jacobian(model, &poses_of(model, state), frame.body, frame.position))

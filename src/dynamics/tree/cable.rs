@@ -8,7 +8,7 @@
 //! gradients pass where it goes taut; the elastic part stores k ∫ψ, the rest takes power k ψ d ℓ̇² out. As with contacts, k and
 //! the slope k ψ d are held at what a substep resolves: [`check_cables`](super::check_cables) tells.
 
-use crate::error::{Error, Result, finite};
+use base::error::{Error, Result, finite};
 use serde::{Deserialize, Serialize};
 
 /// Share of its length over which a cable goes taut.

@@ -4,8 +4,8 @@ use super::cable::{CableEnd, ROUND};
 use super::parameters::{ParameterView, cable_parameters};
 use super::scratch::BodyScratch;
 use super::topology::Topology;
-use crate::autodiff::{Scalar, safe};
-use crate::dynamics::spatial::*;
+use crate::spatial::*;
+use autodiff::{Scalar, safe};
 
 /// A cable at one moment.
 struct Line<S> {

@@ -1,8 +1,8 @@
 //! A drone of a model as the vehicle that it is alone.
 
 use super::model::Model;
-use crate::dynamics::{Inertia, Part, Vehicle};
-use crate::error::{Error, Result};
+use crate::{Inertia, Part, Vehicle};
+use base::error::{Error, Result};
 
 /// The body of a drone with its rotors as a vehicle of its own: what its cascade believes to fly.
 ///

@@ -1,6 +1,6 @@
 //! Contact forces between the shapes of an environment, and on the ground.
 //!
-//! The law is that of [`contact`](crate::dynamics::contact); here is which shape touches which, and on which body the
+//! The law is that of [`contact`](crate::contact); here is which shape touches which, and on which body the
 //! force then acts. Needs kinematics.
 //!
 //! **Stiffness.** An explicit step h gains energy at a contact that is stiffer than it resolves, and throws a light body off. So
@@ -24,14 +24,12 @@
 use super::parameters::{ParameterView, contact_parameters, static_parameters};
 use super::scratch::{Articulated, BodyScratch};
 use super::topology::{Ball, Feature, Form, Pair, Topology};
-use crate::autodiff::{Scalar, safe};
-use crate::dynamics::contact::material::Resolved;
-use crate::dynamics::contact::pairs::{
-    capsule_capsule, sphere_box, sphere_capsule, sphere_plane, sphere_relief, sphere_sphere,
-};
-use crate::dynamics::contact::{Contact, ContactMaterial, Material, force};
-use crate::dynamics::rigid::symmetric;
-use crate::dynamics::spatial::*;
+use crate::contact::material::Resolved;
+use crate::contact::pairs::{capsule_capsule, sphere_box, sphere_capsule, sphere_plane, sphere_relief, sphere_sphere};
+use crate::contact::{Contact, ContactMaterial, Material, force};
+use crate::rigid::symmetric;
+use crate::spatial::*;
+use autodiff::{Scalar, safe};
 
 /// Least slip speed between two bodies that both move, m/s: what sticks to what moves is not resolved.
 const LEAST_SLIP: f64 = 0.1;

@@ -6,9 +6,9 @@
 use super::model::IDENTITY;
 use super::parameters::{ParameterView, at, link_parameters};
 use super::topology::{Axis, Kind, Link, Topology};
-use crate::autodiff::{Array, Scalar};
-use crate::dynamics::frame::{FRAME, Frame};
-use crate::dynamics::spatial::*;
+use crate::frame::{FRAME, Frame};
+use crate::spatial::*;
+use autodiff::{Array, Scalar};
 
 /// Writes the frame of every body, [`FRAME`] numbers each.
 pub(crate) fn write<S: Scalar, P: ParameterView<S>>(t: &Topology, numbers: P, x: &[S], out: &mut [S]) {
@@ -79,13 +79,13 @@ fn vector<S: Scalar>(axis: Axis) -> Vec3<S> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::autodiff::safe;
-    use crate::dynamics::configurations;
-    use crate::dynamics::tree::Motion;
-    use crate::dynamics::tree::kinematics::forward;
-    use crate::dynamics::tree::parameters::{Source, model_parameters};
-    use crate::dynamics::tree::scratch::scratch_on_stack;
-    use crate::rng::{Purpose, Stream};
+    use crate::configurations;
+    use crate::tree::Motion;
+    use crate::tree::kinematics::forward;
+    use crate::tree::parameters::{Source, model_parameters};
+    use crate::tree::scratch::scratch_on_stack;
+    use autodiff::safe;
+    use rng::{Purpose, Stream};
 
     #[test]
     fn frames_are_those_of_the_kinematics_that_accelerations_use() {

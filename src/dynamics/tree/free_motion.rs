@@ -2,7 +2,7 @@
 
 use super::multibody::Multibody;
 use super::{kinetic_energy, potential_energy};
-use crate::autodiff::System;
+use autodiff::System;
 
 /// Steps `x` on for so long with all rotors at their least, and shows every state.
 pub(crate) fn run(system: &Multibody, x: &mut Vec<f64>, seconds: f64, each: &mut dyn FnMut(&[f64])) {

@@ -5,7 +5,7 @@ use super::model::{Model, Motion, rest_state};
 use super::parameters::{Source, model_parameters};
 use super::scratch::scratch_on_stack;
 use super::topology::Topology;
-use crate::dynamics::spatial::*;
+use crate::spatial::*;
 use nalgebra::DMatrix;
 
 /// M at [`rest_state`](super::rest_state).

@@ -13,8 +13,8 @@
 use super::parameters::{ParameterView, at, link_parameters};
 use super::scratch::BodyScratch;
 use super::topology::{Axis, Kind, Link, Topology};
-use crate::autodiff::Scalar;
-use crate::dynamics::spatial::*;
+use crate::spatial::*;
+use autodiff::Scalar;
 
 /// Where a frame is and how it moves, world axes.
 #[derive(Debug, Clone, Copy, PartialEq)]

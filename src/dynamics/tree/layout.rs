@@ -1,14 +1,14 @@
 //! Where every number of an articulated system stands in its state and input.
 
 use super::parts::{Body, ModelParts, Motion, root_of};
-use crate::dynamics::rigid::{Disturbance, RIGID_DIM};
+use crate::rigid::{Disturbance, RIGID_DIM};
 
 /// Place of one body's coordinates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct BodyPlace {
     /// First coordinate of its joint in the state: one number of a hinge or slide, four of a ball; of a floating body
     /// the position, with velocity, attitude and angular velocity behind it as in
-    /// [`RigidState`](crate::dynamics::RigidState).
+    /// [`RigidState`](crate::RigidState).
     pub position: usize,
     /// First velocity of its joint in the state: one, three of a ball; of a floating body as said above.
     pub velocity: usize,
@@ -35,7 +35,7 @@ pub struct TreePlace {
 
 /// Places of all numbers.
 ///
-/// State, tree by tree: a floating root's 13 numbers as in [`RigidState`](crate::dynamics::RigidState), joint positions
+/// State, tree by tree: a floating root's 13 numbers as in [`RigidState`](crate::RigidState), joint positions
 /// in the order of the bodies, joint velocities, rotor speeds. Input, tree by tree: rotor actions, drive commands in the
 /// order of the bodies, then with the effect `disturbance` wind, force and moment on the root.
 #[derive(Debug, Clone, PartialEq, Eq)]

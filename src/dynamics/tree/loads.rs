@@ -1,6 +1,6 @@
 //! Forces from outside on every body: rotors, air, disturbance, wakes.
 //!
-//! The same equations as of the closed-form multirotor ([`rigid`](crate::dynamics::rigid)), body by body: wrenches are
+//! The same equations as of the closed-form multirotor ([`rigid`](crate::rigid)), body by body: wrenches are
 //! summed in the body's frame about its origin, then turned into world axes once.
 
 use super::cable_loads;
@@ -9,9 +9,9 @@ use super::parameters::{ParameterView, at, contact_parameters, link_parameters, 
 use super::scratch::{BodyScratch, RotorScratch};
 use super::topology::{Link, Topology};
 use super::wakes;
-use crate::autodiff::{Scalar, safe};
-use crate::dynamics::rotor::{self, Lag, Motor, N_ROTOR_PARAMETER, RotorModel, commanded_speed};
-use crate::dynamics::spatial::*;
+use crate::rotor::{self, Lag, Motor, N_ROTOR_PARAMETER, RotorModel, commanded_speed};
+use crate::spatial::*;
+use autodiff::{Scalar, safe};
 
 /// Constants and target speed of every rotor: what stays the same through a step.
 pub(crate) fn prepare_rotors<S: Scalar, P: ParameterView<S>>(

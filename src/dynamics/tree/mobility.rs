@@ -4,11 +4,11 @@ use super::cable::CableEnd;
 use super::jacobian::{mass_matrix_at_rest, point_jacobian_at_rest, pose_at_rest};
 use super::model::{IDENTITY, Model, root_of};
 use super::topology::{Feature, Form, Kind, Link, Pair, ResolvedTouches, Topology, Touch};
-use crate::dynamics::contact::force::RESOLVED;
-use crate::dynamics::contact::material::Resolved;
-use crate::dynamics::integrate::{Grid, Integrator};
-use crate::dynamics::rigid::Effects;
-use crate::dynamics::spatial::{dot, mat_vec, neg, transpose};
+use crate::contact::force::RESOLVED;
+use crate::contact::material::Resolved;
+use crate::integrate::{Grid, Integrator};
+use crate::rigid::Effects;
+use crate::spatial::{dot, mat_vec, neg, transpose};
 use nalgebra::{DMatrix, RowVector3};
 
 /// Share of the stiffness that a substep resolves between a box and the corners of another, for 0.4 of the rate: the nearest face

@@ -22,7 +22,7 @@
 //! | `rnea` | forces from accelerations |
 //! | `analysis` | energy, momentum, poses, forces |
 //! | `step` | RK4 and the semi-implicit step |
-//! | `multibody` | model + physics as a [`System`](crate::autodiff::System) |
+//! | `multibody` | model + physics as a [`System`](autodiff::System) |
 
 mod aba;
 pub(crate) mod analysis;
@@ -40,7 +40,8 @@ mod loads;
 mod mobility;
 pub(crate) mod model;
 pub(crate) mod multibody;
-pub(crate) mod parameters;
+#[doc(hidden)]
+pub mod parameters;
 mod parts;
 pub(crate) mod rnea;
 pub(crate) mod scratch;
@@ -54,7 +55,8 @@ pub use analysis::{
     Momentum, Separation, body_poses, cable_tensions, center_of_mass, contact_forces, frame_jacobian, frame_pose,
     kinetic_energy, mass_matrix, momentum, potential_energy, separations,
 };
-pub(crate) use analysis::{body_poses_into, contact_forces_with};
+#[doc(hidden)]
+pub use analysis::{body_poses_into, contact_forces_with};
 pub use cable::{Cable, CableEnd, ROUND as CABLE_ROUND};
 pub use carrier::carrier;
 pub use kinematics::Pose;

@@ -4,8 +4,8 @@ pub use super::parts::*;
 
 use super::cable::{Cable, CableEnd};
 use super::layout::Layout;
-use crate::dynamics::spatial::from_matrix;
-use crate::error::{Error, Result, finite};
+use crate::spatial::from_matrix;
+use base::error::{Error, Result, finite};
 
 /// A checked articulated system: a forest of bodies whose roots hang on the world.
 ///

@@ -5,9 +5,9 @@ use super::parameters::{Source, model_parameters};
 use super::scratch::scratch_on_stack;
 use super::step::{self, Task};
 use super::topology::Topology;
-use crate::autodiff::{Scalar, System};
-use crate::dynamics::multirotor::Physics;
-use crate::error::{Error, Result};
+use crate::multirotor::Physics;
+use autodiff::{Scalar, System};
+use base::error::{Error, Result};
 
 /// An articulated system of bodies, joints, drives and rotors.
 ///

@@ -2,15 +2,15 @@
 //!
 //! Gravity first; then [`LINK_PARAMETERS`] per body, then [`ROTOR_PARAMETERS`]
 //! per rotor, [`CONTACT_PARAMETERS`], the position of every shape that stands still in the world, and [`CABLE_PARAMETERS`] per cable. The first twenty entries of a one-body model are those of
-//! [`parameter_vector`](crate::dynamics::rigid::parameter_vector). Rotations of joints, axes and topology are not
+//! [`parameter_vector`](crate::rigid::parameter_vector). Rotations of joints, axes and topology are not
 //! numbers: they stay as they were built.
 
 use super::model::{Body, BodyShape, Model};
-use crate::autodiff::Scalar;
-use crate::dynamics::domain::Domain::{self, AnySign, NonNegative, Positive};
-use crate::dynamics::rigid::BODY_PARAMETERS;
-use crate::dynamics::rotor::{N_ROTOR_PARAMETER, ROTOR_PARAMETERS};
-use crate::dynamics::spatial::Vec3;
+use crate::domain::Domain::{self, AnySign, NonNegative, Positive};
+use crate::rigid::BODY_PARAMETERS;
+use crate::rotor::{N_ROTOR_PARAMETER, ROTOR_PARAMETERS};
+use crate::spatial::Vec3;
+use autodiff::Scalar;
 
 /// Physical parameters of one body and its joint, in order, and what each may be: those of an airframe but gravity, then
 /// the joint's.
@@ -149,7 +149,7 @@ impl<S: Scalar> ParameterView<S> for &[S] {
 
 /// Places within the numbers of one body.
 pub(crate) mod at {
-    use crate::dynamics::rigid::at;
+    use crate::rigid::at;
 
     /// Gravity stands once, before all bodies.
     pub(crate) const MASS: usize = at::mass - 1;
@@ -188,7 +188,8 @@ pub(crate) const fn contact_parameters(n_body: usize, n_rotor: usize) -> usize {
 
 /// Where the position of still shape `shape` begins.
 #[inline]
-pub(crate) const fn static_parameters(n_body: usize, n_rotor: usize, shape: usize) -> usize {
+#[doc(hidden)]
+pub const fn static_parameters(n_body: usize, n_rotor: usize, shape: usize) -> usize {
     contact_parameters(n_body, n_rotor) + CONTACT_PARAMETERS.len() + 3 * shape
 }
 

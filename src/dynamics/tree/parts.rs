@@ -1,15 +1,15 @@
 //! An articulated system as immutable data: bodies in a tree, joints, drives, rotors.
 //!
 //! Every moving body hangs on its parent, or on the world, by one joint; parents come before children. Fixed joints and
-//! universal joints do not occur here: [`Assembly`](crate::dynamics::assembly::Assembly), which builds models from
+//! universal joints do not occur here: [`Assembly`](crate::assembly::Assembly), which builds models from
 //! vehicles and primitives, merges the former and splits the latter into two hinges with a massless body between.
 
 use super::cable::Cable;
-use crate::dynamics::contact::ContactMaterial;
-use crate::dynamics::mesh::Mesh;
-use crate::dynamics::relief::Relief;
-use crate::dynamics::shape::Shape;
-use crate::dynamics::vehicle::{Drag, Inertia, Rotor};
+use crate::contact::ContactMaterial;
+use crate::mesh::Mesh;
+use crate::relief::Relief;
+use crate::shape::Shape;
+use crate::vehicle::{Drag, Inertia, Rotor};
 use serde::{Deserialize, Serialize};
 
 /// Most moving bodies of one model.

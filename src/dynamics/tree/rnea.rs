@@ -11,9 +11,9 @@ use super::parameters::{ParameterView, Source, at, link_parameters};
 use super::scratch::{BodyScratch, scratch_on_stack};
 use super::topology::{Kind, Topology};
 use super::wakes;
-use crate::autodiff::Scalar;
-use crate::dynamics::rigid::full;
-use crate::dynamics::spatial::*;
+use crate::rigid::full;
+use crate::spatial::*;
+use autodiff::Scalar;
 
 /// Generalised forces τ = M(q) ν̇ + h(q, ν) − Σ Jᵀ f of outside loads (rotors, air, disturbance), about the velocity
 /// vector ν of [`Layout`](super::Layout): at a hinge the moment its joint supplies by damping, spring, limits and drive

@@ -4,10 +4,10 @@
 
 use super::model::{MAX_BODIES, MAX_TREE_ROTORS};
 use super::topology::Topology;
-use crate::autodiff::Scalar;
-use crate::dynamics::rigid::Symmetric;
-use crate::dynamics::rotor::{Lag, RotorModel};
-use crate::dynamics::spatial::{Mat3, Vec3, Wrench};
+use crate::rigid::Symmetric;
+use crate::rotor::{Lag, RotorModel};
+use crate::spatial::{Mat3, Vec3, Wrench};
+use autodiff::Scalar;
 
 /// Articulated inertia `[A B; Bᵀ D]`: (moment, force) about a point from the (angular, linear) acceleration of that
 /// point; A and D are symmetric.
@@ -198,15 +198,15 @@ macro_rules! scratch_on_stack {
     ($name:ident, $topology:expr, $scalar:ty) => {
         let (mut small, mut medium, mut large);
         #[allow(unused_mut)]
-        let mut $name: $crate::dynamics::tree::scratch::Scratch<'_, $scalar> =
-            if $crate::dynamics::tree::scratch::Small::<$scalar>::fits($topology) {
-                small = $crate::dynamics::tree::scratch::Small::<$scalar>::new();
+        let mut $name: $crate::tree::scratch::Scratch<'_, $scalar> =
+            if $crate::tree::scratch::Small::<$scalar>::fits($topology) {
+                small = $crate::tree::scratch::Small::<$scalar>::new();
                 small.view()
-            } else if $crate::dynamics::tree::scratch::Medium::<$scalar>::fits($topology) {
-                medium = $crate::dynamics::tree::scratch::Medium::<$scalar>::new();
+            } else if $crate::tree::scratch::Medium::<$scalar>::fits($topology) {
+                medium = $crate::tree::scratch::Medium::<$scalar>::new();
                 medium.view()
             } else {
-                large = $crate::dynamics::tree::scratch::Large::<$scalar>::new();
+                large = $crate::tree::scratch::Large::<$scalar>::new();
                 large.view()
             };
     };

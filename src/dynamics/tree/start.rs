@@ -3,8 +3,8 @@
 use super::analysis::separations;
 use super::model::root_of;
 use super::multibody::Multibody;
-use crate::dynamics::contact::ContactMaterial;
-use crate::error::{Error, Result};
+use crate::contact::ContactMaterial;
+use base::error::{Error, Result};
 
 /// Refuses a state in which shapes that push each other overlap by more than what rests may sink: its force would throw them
 /// apart. Without the effect `contact` nothing pushes, and every state is fair.

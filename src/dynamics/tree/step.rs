@@ -19,9 +19,9 @@ use super::scratch::Scratch;
 use super::topology::{Kind, Topology};
 use super::torque::{self, Drives, Pass};
 use super::wakes;
-use crate::autodiff::Scalar;
-use crate::dynamics::integrate::{Grid, Integrator};
-use crate::dynamics::spatial::{derivative, unit};
+use crate::integrate::{Grid, Integrator};
+use crate::spatial::{derivative, unit};
+use autodiff::Scalar;
 
 /// What to do with accelerations.
 #[derive(Debug, Clone, Copy, PartialEq)]

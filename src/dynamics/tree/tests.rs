@@ -1,11 +1,11 @@
 //! The kernels against each other, on models with every kind of joint.
 
 use super::*;
-use crate::autodiff::System;
-use crate::dynamics::rigid::Effects;
-use crate::dynamics::vehicle::{Drag, Inertia, Vehicle};
-use crate::dynamics::{Multirotor, Physics, vehicles};
-use crate::rng::{Purpose, Stream};
+use crate::rigid::Effects;
+use crate::vehicle::{Drag, Inertia, Vehicle};
+use crate::{Multirotor, Physics, vehicles};
+use autodiff::System;
+use rng::{Purpose, Stream};
 
 /// A vehicle as one floating body.
 pub(crate) fn one_body(vehicle: &Vehicle) -> Model {

@@ -6,13 +6,13 @@
 use super::cable::CableEnd;
 use super::layout::Layout;
 use super::model::{Body, BodyShape, Drive, IDENTITY, Model, Motion, root_of};
-use crate::dynamics::contact::ContactMaterial;
-use crate::dynamics::contact::material::Resolved;
-use crate::dynamics::contact::pairs::{corners, segment};
-use crate::dynamics::relief::Relief;
-use crate::dynamics::rigid::Effects;
-use crate::dynamics::shape::{Geometry, Pose};
-use crate::dynamics::spatial::{matrix, transpose};
+use crate::contact::ContactMaterial;
+use crate::contact::material::Resolved;
+use crate::contact::pairs::{corners, segment};
+use crate::relief::Relief;
+use crate::rigid::Effects;
+use crate::shape::{Geometry, Pose};
+use crate::spatial::{matrix, transpose};
 use std::f64::consts::PI;
 
 /// Axis of a hinge or slide in its joint's frame.
@@ -131,7 +131,8 @@ pub(crate) struct Ball {
 
 /// A box.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Block {
+#[doc(hidden)]
+pub struct Block {
     pub corners: [[f64; 3]; 8],
     pub center: [f64; 3],
     /// By rows, box → body.

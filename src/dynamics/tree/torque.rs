@@ -6,8 +6,8 @@
 use super::contact_loads::Friction;
 use super::parameters::{ParameterView, at, link_parameters};
 use super::topology::{Link, Servo};
-use crate::autodiff::Scalar;
-use crate::dynamics::spatial::*;
+use crate::spatial::*;
+use autodiff::Scalar;
 
 /// How an evaluation treats joint torques.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -4,9 +4,9 @@
 
 use super::scratch::{BodyScratch, RotorScratch};
 use super::topology::{Load, Source, Topology};
-use crate::autodiff::{Scalar, safe};
-use crate::dynamics::aero::downwash;
-use crate::dynamics::spatial::*;
+use crate::aero::downwash;
+use crate::spatial::*;
+use autodiff::{Scalar, safe};
 
 /// Finds the wakes of all drones on all others and on loads. Needs kinematics.
 pub(super) fn hold<S: Scalar>(t: &Topology, bodies: &mut [BodyScratch<S>], rotors: &[RotorScratch<S>]) {
@@ -123,11 +123,11 @@ fn thrust_of<S: Scalar>(
 
 #[cfg(test)]
 mod tests {
-    use crate::autodiff::certificate::Bounds;
-    use crate::autodiff::{System, certify};
-    use crate::dynamics::configurations::{SlungLoad, by_name};
-    use crate::dynamics::tree::{Model, Multibody};
-    use crate::dynamics::{Effects, Integrator, Physics};
+    use crate::configurations::{SlungLoad, by_name};
+    use crate::tree::{Model, Multibody};
+    use crate::{Effects, Integrator, Physics};
+    use autodiff::certificate::Bounds;
+    use autodiff::{System, certify};
     use std::f64::consts::PI;
 
     fn system(model: &Model, load_downwash: bool, dt: f64) -> Multibody {

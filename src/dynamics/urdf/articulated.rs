@@ -6,10 +6,10 @@ use super::import::{Read, check_part_names, read, read_files};
 use super::options::ImportOptions;
 use super::rotors::RotorFile;
 use super::{Warning, resolve};
-use crate::dynamics::assembly::{Assembly, Join, Kind, Solid, WORLD};
-use crate::dynamics::tree::Model;
-use crate::dynamics::vehicle::{Inertia, Rotor};
-use crate::error::Result;
+use crate::assembly::{Assembly, Join, Kind, Solid, WORLD};
+use crate::tree::Model;
+use crate::vehicle::{Inertia, Rotor};
+use base::error::Result;
 use nalgebra::{Matrix3, Vector3};
 use std::path::Path;
 
@@ -28,7 +28,7 @@ pub struct ModelImport {
 /// rotors at all.
 ///
 /// # Errors
-/// [`Error::File`](crate::error::Error::File) where a file cannot be read; otherwise as [`import_model_text`].
+/// [`Error::File`](base::error::Error::File) where a file cannot be read; otherwise as [`import_model_text`].
 pub fn import_model_file(path: impl AsRef<Path>, options: &ImportOptions) -> Result<ModelImport> {
     let (text, file, rotors) = read_files(path.as_ref(), options)?;
     import_model_text(&text, &file, rotors.as_ref(), options)

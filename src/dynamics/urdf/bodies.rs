@@ -2,11 +2,11 @@
 
 use super::fault::{clean, fault, few, in_file};
 use super::tree::Tree;
-use crate::dynamics::assembly::{Placement, WORLD};
-use crate::dynamics::shape::{Geometry, Pose, Shape};
-use crate::dynamics::spatial::multiply;
-use crate::dynamics::vehicle::Inertia;
-use crate::error::Result;
+use crate::assembly::{Placement, WORLD};
+use crate::shape::{Geometry, Pose, Shape};
+use crate::spatial::multiply;
+use crate::vehicle::Inertia;
+use base::error::Result;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use std::collections::HashMap;
 

@@ -8,7 +8,7 @@ use super::fault::{clean, fault};
 use super::input_limits::InputLimits;
 use super::options::ImportOptions;
 use super::schema::{self, Kind, LARGEST, Rule, Times};
-use crate::error::{Error, Result};
+use base::error::{Error, Result};
 use roxmltree::{Document, Node};
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;

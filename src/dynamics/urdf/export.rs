@@ -2,10 +2,10 @@
 
 use super::fault::fault;
 use super::rotors::{RotorEntry, RotorFile};
-use crate::dynamics::shape::{Geometry, Shape};
-use crate::dynamics::spatial::to_euler;
-use crate::dynamics::vehicle::{Part, Rotor, Vehicle};
-use crate::error::Result;
+use crate::shape::{Geometry, Shape};
+use crate::spatial::to_euler;
+use crate::vehicle::{Part, Rotor, Vehicle};
+use base::error::Result;
 use std::fmt::Write;
 
 /// Writes a vehicle as (URDF text, rotor-file text).

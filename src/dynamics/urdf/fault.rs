@@ -1,6 +1,6 @@
 //! What is said of a file.
 
-use crate::error::Error;
+use base::error::Error;
 
 /// An [`Error::Format`] from parts.
 pub(super) fn fault(file: &str, place: impl Into<String>, rule: impl Into<String>, remedy: impl Into<String>) -> Error {

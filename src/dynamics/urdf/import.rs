@@ -7,9 +7,9 @@ use super::options::ImportOptions;
 use super::properties::{self, Properties};
 use super::rotors::RotorFile;
 use super::{Vehicle, Warning, diagnose, resolve, tree};
-use crate::dynamics::assembly::WORLD;
-use crate::dynamics::vehicle::{Part, Rotor};
-use crate::error::Result;
+use crate::assembly::WORLD;
+use crate::vehicle::{Part, Rotor};
+use base::error::Result;
 use nalgebra::Vector3;
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -34,7 +34,7 @@ pub fn rotor_file_beside(urdf: &Path) -> PathBuf {
 /// (then `<properties>` must be there).
 ///
 /// # Errors
-/// [`Error::File`](crate::error::Error::File) where a file cannot be read; otherwise as [`import_text`].
+/// [`Error::File`](base::error::Error::File) where a file cannot be read; otherwise as [`import_text`].
 pub fn import_file(path: impl AsRef<Path>, options: &ImportOptions) -> Result<Import> {
     let (text, file, rotors) = read_files(path.as_ref(), options)?;
     import_text(&text, &file, rotors.as_ref(), options)
@@ -70,7 +70,7 @@ fn rotor_path(urdf: &Path, options: &ImportOptions) -> Option<PathBuf> {
 /// `<properties>`.
 ///
 /// # Errors
-/// [`Error::Limit`](crate::error::Error::Limit) for a fence, [`Error::Format`](crate::error::Error::Format) for
+/// [`Error::Limit`](base::error::Error::Limit) for a fence, [`Error::Format`](base::error::Error::Format) for
 /// everything that is wrong in the files, with place, rule and remedy. No text makes it panic, recurse or hang.
 pub fn import_text(text: &str, file_name: &str, rotors: Option<&RotorFile>, options: &ImportOptions) -> Result<Import> {
     let mut read = read(text, file_name, options)?;
@@ -104,7 +104,7 @@ pub(super) fn check_part_names(bodies: &[Body], file: &RotorFile) -> Result<()> 
     }
 }
 
-fn no_rotors(file: &str) -> crate::error::Error {
+fn no_rotors(file: &str) -> base::error::Error {
     let beside = rotor_file_beside(Path::new(file));
     let rule = "there is no rotor file, and no <properties> element with kf, km and thrust2weight";
     let remedy = format!(

@@ -4,9 +4,9 @@
 //! exact; on malformed text they are exact up to the place where the first real parser stops.
 
 use super::fault::fault;
-use crate::defaults::with_defaults;
-use crate::error::{Error, Result};
-use crate::file_gate;
+use base::defaults::with_defaults;
+use base::error::{Error, Result};
+use base::file_gate;
 use std::path::Path;
 
 with_defaults! {

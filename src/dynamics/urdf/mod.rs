@@ -18,6 +18,7 @@
 //! | `articulated.rs` | the same links and joints through the assembly, as a model that moves |
 //!
 //! ```
+//! # use omnidrones_dynamics::omnidrones;
 //! use omnidrones::dynamics::urdf::{ImportOptions, import_file};
 //!
 //! let import = import_file("assets/urdf/plain_x.urdf", &ImportOptions::default())?; // reads plain_x.rotors.toml too

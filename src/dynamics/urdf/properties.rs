@@ -10,8 +10,8 @@ use super::fault::{clean, fault};
 use super::recognise::{rotor_links, seen_along, spacing};
 use super::schema::LARGEST;
 use super::{Warning, resolve};
-use crate::dynamics::vehicle::{GRAVITY, Rotor};
-use crate::error::Result;
+use crate::vehicle::{GRAVITY, Rotor};
+use base::error::Result;
 use roxmltree::{Document, Node};
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
@@ -92,7 +92,7 @@ impl Properties {
     /// The bodies that carry the rotors.
     pub fn links(&self, file: &str, bodies: &[Body]) -> Result<Vec<usize>> {
         let links = rotor_links(bodies);
-        if (1..=crate::dynamics::vehicle::MAX_ROTORS).contains(&links.len()) {
+        if (1..=crate::vehicle::MAX_ROTORS).contains(&links.len()) {
             return Ok(links);
         }
         let rule = format!("it describes rotors, but {} links are named like one", links.len());

@@ -135,7 +135,7 @@ pub(super) fn spacing(seen: &[Vector3<f64>]) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::{Purpose, Stream};
+    use rng::{Purpose, Stream};
 
     #[test]
     fn names_are_split_at_separators_digits_and_capitals() {

@@ -4,8 +4,8 @@ use super::bodies::{Body, hubs};
 use super::fault::{clean, fault};
 use super::rotors::{RotorEntry, RotorFile};
 use super::schema::LARGEST;
-use crate::dynamics::vehicle::Rotor;
-use crate::error::{Result, suggestion};
+use crate::vehicle::Rotor;
+use base::error::{Result, suggestion};
 use nalgebra::Vector3;
 use std::collections::HashSet;
 
@@ -180,7 +180,7 @@ impl Values<'_> {
         self.maybe(name, field)?.ok_or_else(|| self.missing(name, &format!("{remedy} [defaults] serves all rotors.")))
     }
 
-    fn missing(&self, name: &str, remedy: &str) -> crate::error::Error {
+    fn missing(&self, name: &str, remedy: &str) -> base::error::Error {
         fault(self.place.file, self.place.place.clone(), format!("{name} is missing"), remedy)
     }
 

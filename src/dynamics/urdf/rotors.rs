@@ -19,9 +19,9 @@
 
 use super::fault::{clean, fault, in_file};
 use super::schema::LARGEST;
-use crate::dynamics::vehicle::{Drag, Gains, MAX_ROTORS, Part};
-use crate::error::{Error, Result, suggestion};
-use crate::reader::{self, Mistake};
+use crate::vehicle::{Drag, Gains, MAX_ROTORS, Part};
+use base::error::{Error, Result, suggestion};
+use base::reader::{self, Mistake};
 use serde::{Deserialize, Serialize};
 
 /// Largest rotor file, bytes.
@@ -61,7 +61,7 @@ fn is_default<T: Default + PartialEq>(value: &T) -> bool {
     *value == T::default()
 }
 
-/// One rotor, or the `[defaults]` of all. Units are those of [`Rotor`](crate::dynamics::vehicle::Rotor).
+/// One rotor, or the `[defaults]` of all. Units are those of [`Rotor`](crate::vehicle::Rotor).
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RotorEntry {

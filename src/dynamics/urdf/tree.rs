@@ -3,7 +3,7 @@
 use super::diagnose::{Lines, place};
 use super::fault::{clean, fault, few};
 use super::options::ImportOptions;
-use crate::error::{Error, Result, suggestion};
+use base::error::{Error, Result, suggestion};
 use roxmltree::{Document, Node};
 use std::collections::{HashMap, VecDeque};
 

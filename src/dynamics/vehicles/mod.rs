@@ -20,7 +20,7 @@
 //!   rotor drag. The benchmark tasks set their own effective damping.
 
 use super::vehicle::Vehicle;
-use crate::error::{Error, Result};
+use base::error::{Error, Result};
 use std::sync::LazyLock;
 
 /// One line of the registry.
@@ -44,7 +44,7 @@ macro_rules! built_in {
             #[doc = concat!($description, ".")]
             pub fn $name() -> Vehicle {
                 static READ: LazyLock<Vehicle> = LazyLock::new(|| {
-                    let text = include_str!(concat!("../../../assets/vehicles/", stringify!($name), ".toml"));
+                    let text = include_str!(concat!(stringify!($name), ".toml"));
                     Vehicle::from_toml_str(text, stringify!($name)).expect("the tests read every built-in file")
                 });
                 READ.clone()

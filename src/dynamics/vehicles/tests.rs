@@ -1,7 +1,7 @@
 //! Every vehicle of the registry, judged by the same claims. A new one is picked up by itself.
 
 use super::*;
-use crate::dynamics::vehicle::GRAVITY;
+use crate::vehicle::GRAVITY;
 use nalgebra::{DVector, Vector3};
 use sha2::{Digest, Sha256};
 use std::time::Instant;

@@ -1,20 +1,20 @@
 //! Settings that SAC and TD3 share.
 
 use super::{ActorCritic, Kind};
-use crate::error::{Error, Result};
-use crate::parallel::Threads;
-use crate::rl::checks::check_counts;
-use crate::rl::learner::{Algorithm, Learner, Make};
-use crate::rl::nn::{AdamConfig, Layers};
-use crate::rl::policy::Actor;
-use crate::rl::replay::ReplayConfig;
-use crate::rl::schedule::Schedule;
-use crate::rl::shards::with_normaliser;
-use crate::rl::target_network::check_targets;
-use crate::tasks::{EnvConfig, Spec};
+use crate::checks::check_counts;
+use crate::learner::{Algorithm, Learner, Make};
+use crate::nn::{AdamConfig, Layers};
+use crate::policy::Actor;
+use crate::replay::ReplayConfig;
+use crate::schedule::Schedule;
+use crate::shards::with_normaliser;
+use crate::target_network::check_targets;
+use base::error::{Error, Result};
+use base::parallel::Threads;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::fmt::Debug;
+use tasks::{EnvConfig, Spec};
 
 /// How an algorithm of this kind explores, with its numbers.
 pub trait Exploration:

@@ -1,11 +1,11 @@
 use super::*;
-use crate::rl::learner::saved;
-use crate::rl::nn::Layers;
-use crate::rl::replay::ReplayConfig;
-use crate::rl::sac::{Entropy, SacConfig};
-use crate::rl::td3::{ActionNoise, Td3Config};
-use crate::tasks::probe::Probe;
-use crate::tasks::{Env, Stage};
+use crate::learner::saved;
+use crate::nn::Layers;
+use crate::replay::ReplayConfig;
+use crate::sac::{Entropy, SacConfig};
+use crate::td3::{ActionNoise, Td3Config};
+use tasks::probe::Probe;
+use tasks::{Env, Stage};
 
 fn small<E: Exploration>() -> ActorCriticConfig<E> {
     let layers = |own: Layers| Layers { hidden: vec![16, 16], ..own };
@@ -422,7 +422,7 @@ fn time_that_runs_out_is_not_death() {
 
 #[test]
 fn actions_of_whole_numbers_and_batches_beyond_memory_are_refused() {
-    use crate::tasks::ActionSpace;
+    use tasks::ActionSpace;
     let make = |own: &EnvConfig| Env::make("Hover", own);
     let refused = |env: EnvConfig, config: SacConfig| {
         ActorCritic::with(&make, &env, config, 0, Threads::new(1).unwrap()).map(drop).unwrap_err().to_string()

@@ -3,7 +3,7 @@
 use super::disk::hex;
 use super::tests::{same, sample};
 use super::{Checkpoint, Entry, Files, MANIFEST, Manifest, POLICY, STATE, Store};
-use crate::rng::{Purpose, Stream};
+use rng::{Purpose, Stream};
 use sha2::{Digest, Sha256};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;

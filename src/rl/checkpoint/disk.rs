@@ -1,6 +1,6 @@
 //! Every change that a save makes to the disk goes through here, so a test can see and stop each.
 
-use crate::error::{Error, Result};
+use base::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::fs::{self, File};

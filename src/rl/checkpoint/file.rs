@@ -5,7 +5,7 @@
 use super::disk::{Disk, Entry, Sink, hex};
 use super::tensor::{Data, Element, Tensors, codec::Codec};
 use super::{MAX_HEADER, damaged, open};
-use crate::error::{Error, Result};
+use base::error::{Error, Result};
 use safetensors::tensor::{Dtype, Metadata, TensorInfo};
 use sha2::{Digest, Sha256};
 use std::fs::File;

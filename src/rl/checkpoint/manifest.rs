@@ -2,9 +2,9 @@
 
 use super::damaged;
 use super::disk::{Entry, hex};
-use crate::autodiff::native;
-use crate::defaults::with_defaults;
-use crate::error::{Error, Result};
+use autodiff::native;
+use base::defaults::with_defaults;
+use base::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::path::Path;
@@ -31,7 +31,7 @@ with_defaults! {
         pub algorithm: String = String::new(),
         /// Name of the task.
         pub task: String = String::new(),
-        /// [`Spec::hash`](crate::tasks::Spec::hash) of the environments: a policy fits others of equal hash. Sixteen
+        /// [`Spec::hash`](tasks::Spec::hash) of the environments: a policy fits others of equal hash. Sixteen
         /// hexadecimal digits in the file.
         #[serde(with = "sixteen_digits")]
         pub spec_hash: u64 = 0,

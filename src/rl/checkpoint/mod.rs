@@ -50,7 +50,8 @@ mod corruption;
 mod disk;
 mod file;
 mod manifest;
-pub(crate) mod store;
+#[doc(hidden)]
+pub mod store;
 mod tensor;
 
 pub use disk::Entry;
@@ -58,8 +59,8 @@ pub use manifest::{FORMAT, Files, Manifest};
 pub use store::{Found, Skipped, Store, Writer};
 pub use tensor::{Data, Element, Tensor, Tensors};
 
-use crate::error::{Error, Result};
-use crate::file_gate;
+use base::error::{Error, Result};
+use base::file_gate;
 use disk::Disk;
 use file::Layout;
 use std::fs::File;
@@ -223,7 +224,7 @@ fn damaged(path: &Path, place: impl Into<String>, rule: impl Into<String>) -> Er
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::{Purpose, Stream};
+    use rng::{Purpose, Stream};
 
     /// Every kind of tensor, with numbers that only bits tell apart; `n` scales the size, `update` changes all numbers.
     pub fn sample(update: u64, n: usize) -> Checkpoint {

@@ -2,8 +2,8 @@
 
 use super::disk::Disk;
 use super::{Checkpoint, FILES, MAX_BYTES, Wanted, damaged, flies};
-use crate::error::{Error, Result};
-use crate::file_gate;
+use base::error::{Error, Result};
+use base::file_gate;
 use std::collections::BTreeSet;
 use std::fs::{File, OpenOptions, TryLockError};
 use std::path::{Path, PathBuf};
@@ -468,7 +468,7 @@ mod tests {
     use super::super::disk::{Change, fault::Fault};
     use super::super::tests::{same, sample};
     use super::*;
-    use crate::rng::{Purpose, Stream};
+    use rng::{Purpose, Stream};
     use std::cell::Cell;
     use std::time::Duration;
 

@@ -1,6 +1,6 @@
 //! Named arrays of numbers, as the files of a checkpoint hold them.
 
-use crate::error::{Error, Result};
+use base::error::{Error, Result};
 use std::collections::BTreeMap;
 
 /// Numbers of a tensor, row-major. Equal when their bits are: a NaN equals itself, 0 differs from −0.

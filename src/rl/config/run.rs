@@ -1,7 +1,7 @@
 //! What all runs have, read from a map that holds tables of algorithms too.
 
 use super::TrainConfig;
-use crate::rl::algorithm;
+use crate::algorithm;
 use serde::Deserialize;
 use serde::de::value::MapAccessDeserializer;
 use serde::de::{DeserializeSeed, Deserializer, Error as _, IgnoredAny, IntoDeserializer, MapAccess, Visitor};

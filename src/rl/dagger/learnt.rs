@@ -1,9 +1,9 @@
 //! The part of a policy that imitates.
 
 use super::Imitate;
-use crate::error::Result;
-use crate::rl::nn::{Network, Weights, last_encoder};
-use crate::rl::policy::Actor;
+use crate::nn::{Network, Weights, last_encoder};
+use crate::policy::Actor;
+use base::error::Result;
 use std::ops::Range;
 use std::sync::Arc;
 

@@ -1,15 +1,15 @@
 //! Who shows how it is done.
 
 use super::{DaggerConfig, Imitate, Shard};
-use crate::error::{Error, Result};
-use crate::parallel::Threads;
-use crate::rl::learner::Make;
-use crate::rl::nn::{Encoded, Memory, last_encoder};
-use crate::rl::policy::{Policy, ROWS};
-use crate::rl::policy_io::load_policy;
-use crate::tasks::{Baseline, Buffers, Env, EnvConfig, Spec, Stage};
+use crate::learner::Make;
+use crate::nn::{Encoded, Memory, last_encoder};
+use crate::policy::{Policy, ROWS};
+use crate::policy_io::load_policy;
+use base::error::{Error, Result};
+use base::parallel::Threads;
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
+use tasks::{Baseline, Buffers, Env, EnvConfig, Spec, Stage};
 
 /// A controller of the task, or a policy.
 pub(super) enum Teacher {

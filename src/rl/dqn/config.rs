@@ -1,15 +1,15 @@
 //! Settings of DQN.
 
-use crate::error::{Error, Result};
-use crate::rl::checks::check_counts;
-use crate::rl::nn::{AdamConfig, Layers};
-use crate::rl::policy::Actor;
-use crate::rl::replay::ReplayConfig;
-use crate::rl::schedule::Schedule;
-use crate::rl::shards::with_normaliser;
-use crate::rl::target_network::check_targets;
-use crate::tasks::{ActionSpace, EnvConfig, Spec};
+use crate::checks::check_counts;
+use crate::nn::{AdamConfig, Layers};
+use crate::policy::Actor;
+use crate::replay::ReplayConfig;
+use crate::schedule::Schedule;
+use crate::shards::with_normaliser;
+use crate::target_network::check_targets;
+use base::error::{Error, Result};
 use serde::{Deserialize, Serialize};
+use tasks::{ActionSpace, EnvConfig, Spec};
 
 /// How the values of a team's agents make one of the team.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]

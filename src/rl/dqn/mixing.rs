@@ -4,8 +4,8 @@
 //! network of the state. As no weight is negative, the best action of each agent is the best of the team.
 
 use super::config::Mixer;
-use crate::error::Result;
-use crate::rl::nn::{Activation, Layers, Mlp};
+use crate::nn::{Activation, Layers, Mlp};
+use base::error::Result;
 
 /// Shape of a mixer.
 #[derive(Debug, Clone)]
@@ -94,7 +94,7 @@ fn elu(x: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::{Purpose, Stream};
+    use rng::{Purpose, Stream};
 
     fn monotone() -> Mixing {
         Mixing::new(Mixer::Monotone { units: 5, hidden: 8 }, 3, 4).unwrap().unwrap()

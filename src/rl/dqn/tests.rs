@@ -1,11 +1,11 @@
 use super::*;
-use crate::rl::learner::saved;
-use crate::rl::nn::Layers;
-use crate::rl::nn::elementwise::approach;
-use crate::rl::replay::ReplayConfig;
-use crate::rl::schedule::Schedule;
-use crate::tasks::probe::Probe;
-use crate::tasks::{ActionSpace, Env};
+use crate::learner::saved;
+use crate::nn::Layers;
+use crate::nn::elementwise::approach;
+use crate::replay::ReplayConfig;
+use crate::schedule::Schedule;
+use tasks::probe::Probe;
+use tasks::{ActionSpace, Env};
 
 fn small() -> DqnConfig {
     let usual = DqnConfig::default();

@@ -1,7 +1,7 @@
 use super::*;
-use crate::rl::nn::{Activation, Layers, Mlp};
-use crate::rl::replay::{Next, Precision};
-use crate::rl::shards::shards;
+use crate::nn::{Activation, Layers, Mlp};
+use crate::replay::{Next, Precision};
+use crate::shards::shards;
 
 struct Never;
 

@@ -1,7 +1,7 @@
 //! What stands between the layers of a network.
 
 use super::product::PAD;
-use crate::autodiff::lanes::{Kernel, Lanes, dispatch};
+use autodiff::lanes::{Kernel, Lanes, dispatch};
 use serde::{Deserialize, Serialize};
 
 /// A function of one number, applied to each; all have f(0) = 0, so padding stays zero.

@@ -1,8 +1,8 @@
 //! Adam, with decoupled weight decay.
 
 use super::product::PAD;
-use crate::autodiff::lanes::{Kernel, Lanes, dispatch};
-use crate::defaults::with_defaults;
+use autodiff::lanes::{Kernel, Lanes, dispatch};
+use base::defaults::with_defaults;
 use serde::{Deserialize, Serialize};
 
 with_defaults! {
@@ -25,9 +25,9 @@ impl AdamConfig {
     /// Checks the numbers.
     ///
     /// # Errors
-    /// [`Error::Value`](crate::error::Error::Value) with the number, the rule and the remedy.
-    pub fn validate(&self) -> crate::error::Result<()> {
-        use crate::error::Error;
+    /// [`Error::Value`](base::error::Error::Value) with the number, the rule and the remedy.
+    pub fn validate(&self) -> base::error::Result<()> {
+        use base::error::Error;
         for (what, beta) in [("beta1", self.beta1), ("beta2", self.beta2)] {
             if !(0.0..1.0).contains(&beta) {
                 return Err(Error::value(what, beta, "within [0, 1)", "0.9 and 0.999 are usual."));

@@ -7,7 +7,8 @@ use std::ops::{Deref, DerefMut};
 /// Whole rows of [`PAD`] numbers, the first at a line of the cache: a register that lies across two costs two accesses, and
 /// products of matrices a tenth of their speed.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub(crate) struct Aligned(Vec<Line>);
+#[doc(hidden)]
+pub struct Aligned(Vec<Line>);
 
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C, align(64))]
@@ -15,7 +16,8 @@ struct Line([f32; PAD]);
 
 impl Aligned {
     /// At least `n` zeros.
-    pub(crate) fn zeros(n: usize) -> Self {
+    #[doc(hidden)]
+    pub fn zeros(n: usize) -> Self {
         Self(vec![Line([0.0; PAD]); n.div_ceil(PAD)])
     }
 }

@@ -14,8 +14,8 @@ use super::elementwise::add_rows;
 use super::init::Init;
 use super::network::{Level, Memory, Network, Output, Pass, Scratch, Slot, Transposed, Weights};
 use super::product::{Begin, Left, padded, product};
-use crate::error::{Error, Result};
-use crate::rng::Stream;
+use base::error::{Error, Result};
+use rng::Stream;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 

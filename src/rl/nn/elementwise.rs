@@ -1,7 +1,7 @@
 //! Sums of arrays and exponentials in lanes, number by number: the same bits in registers of any width.
 
-use crate::autodiff::lanes::{Kernel, Lanes, dispatch};
-use crate::autodiff::unrolled::unrolled;
+use autodiff::lanes::{Kernel, Lanes, dispatch};
+use autodiff::unrolled::unrolled;
 
 /// sum ← sum + x.
 pub(crate) fn add(sum: &mut [f32], x: &[f32]) {
@@ -156,7 +156,7 @@ impl AddRows<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::autodiff::lanes::{Set, with_set};
+    use autodiff::lanes::{Set, with_set};
 
     #[test]
     fn sums_are_those_of_a_loop_to_the_bit_for_any_width() {

@@ -16,7 +16,7 @@ use super::gru::Gru;
 use super::mlp::{Layers, Mlp};
 use super::network::Network;
 use super::set::{Pool, Set};
-use crate::error::{Error, Result};
+use base::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 

@@ -1,7 +1,7 @@
 //! Networks against themselves in `f64`: what every network's tests share.
 
 use super::network::{Network, Pass, Transposed, Weights};
-use crate::rng::{Purpose, Stream};
+use rng::{Purpose, Stream};
 
 /// Standard normal numbers.
 pub(crate) fn draw(n: usize, seed: u64) -> Vec<f32> {

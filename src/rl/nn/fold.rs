@@ -1,7 +1,7 @@
 //! Networks that say the same otherwise: with fewer outputs, each a sum of some of another's; or in other units.
 
 use super::network::{Network, Part, Slot};
-use crate::error::{Error, Result};
+use base::error::{Error, Result};
 
 /// The parameters of `narrow`, whose output k is Σ w · (output j of `wide`) over the `(j, w)` that `sums` gives for k. Both are
 /// alike but for the number of outputs and what these pass through.
@@ -77,7 +77,7 @@ fn joined(network: &dyn Network, parts: Vec<Part>) -> Result<Vec<f32>> {
 mod tests {
     use super::super::{Activation, Layers, Mlp};
     use super::*;
-    use crate::rng::{Purpose, Stream};
+    use rng::{Purpose, Stream};
 
     #[test]
     fn outputs_that_are_folded_are_sums_of_outputs() {

@@ -6,7 +6,7 @@
 use super::elementwise::sum;
 use super::head::{Head, LOG_STD_MAX, LOG_STD_MIN};
 use super::network::Output;
-use crate::autodiff::program::BLOCK;
+use autodiff::program::BLOCK;
 use std::f64::consts::TAU;
 
 /// The Gaussians of a head, with deviations as they were last set.
@@ -111,8 +111,8 @@ impl Gaussians {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rl::nn::{Activation, Layers, Mlp};
-    use crate::rng::{Purpose, Stream};
+    use crate::nn::{Activation, Layers, Mlp};
+    use rng::{Purpose, Stream};
 
     #[test]
     fn a_block_of_rows_agrees_with_its_rows_in_f64() {

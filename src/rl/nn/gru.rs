@@ -16,9 +16,9 @@ use super::elementwise::add_rows;
 use super::init::Init;
 use super::network::{Level, Memory, Network, Output, Pass, Scratch, Slot, Transposed, Weights};
 use super::product::{Begin, Left, padded, product};
-use crate::autodiff::lanes::{Kernel, Lanes, dispatch};
-use crate::error::{Error, Result};
-use crate::rng::Stream;
+use autodiff::lanes::{Kernel, Lanes, dispatch};
+use base::error::{Error, Result};
+use rng::Stream;
 use std::ops::Range;
 
 /// Most numbers that a memory sees.

@@ -8,8 +8,8 @@
 //! the program and panic. Numbers that are not finite give results that are not, and never a panic or an action of
 //! whole numbers outside its range.
 
-use crate::error::{Error, Result};
-use crate::rng::Stream;
+use base::error::{Error, Result};
+use rng::Stream;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 
@@ -384,8 +384,8 @@ fn weigh<T: Copy + Into<f64>>(logits: &[T]) -> Weights {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::Purpose;
-    use crate::tasks::Space;
+    use rng::Purpose;
+    use tasks::Space;
 
     const HEADS: [Head; 3] =
         [Head::Gaussian { n: 3 }, Head::Categorical { n: 5 }, Head::MultiCategorical { n: 3, levels: 4 }];

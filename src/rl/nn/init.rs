@@ -1,8 +1,8 @@
 //! First weights of a network.
 
-use crate::error::{Error, Result};
-use crate::rng::Stream;
+use base::error::{Error, Result};
 use nalgebra::DMatrix;
+use rng::Stream;
 use serde::{Deserialize, Serialize};
 
 /// How the weights of a layer are drawn. Biases begin at zero.
@@ -78,7 +78,7 @@ impl Init {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::Purpose;
+    use rng::Purpose;
 
     #[test]
     fn orthogonal_weights_keep_lengths_in_their_smaller_space() {

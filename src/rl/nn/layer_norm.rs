@@ -3,7 +3,7 @@
 //! Sums are of eight partial ones whatever the registers, so that results are the same bits on any processor.
 
 use super::elementwise::sum;
-use crate::autodiff::lanes::{Kernel, Lanes, dispatch};
+use autodiff::lanes::{Kernel, Lanes, dispatch};
 
 /// Under the variance of a row.
 pub(super) const NORM_FLOOR: f32 = 1e-5;

@@ -13,9 +13,9 @@ use super::layer_norm;
 use super::network::{Level, Memory, Network, Output, Part, Pass, Scratch, Slot, Transposed, Weights};
 use super::product::{Begin, Left, PAD, padded, product};
 use super::stack::Join;
-use crate::defaults::with_defaults;
-use crate::error::{Error, Result};
-use crate::rng::Stream;
+use base::defaults::with_defaults;
+use base::error::{Error, Result};
+use rng::Stream;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::SQRT_2;
 use std::ops::Range;
@@ -444,7 +444,7 @@ fn input<'a>(before: &'a [Level], layer: &Layer, x: &'a [f32]) -> (&'a [f32], us
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::Purpose;
+    use rng::Purpose;
 
     fn stream() -> Stream {
         Stream::new(3, 0, 0, Purpose::user(3))

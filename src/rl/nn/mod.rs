@@ -21,7 +21,8 @@
 
 pub(crate) mod activation;
 pub(crate) mod adam;
-pub(crate) mod aligned;
+#[doc(hidden)]
+pub mod aligned;
 pub(crate) mod conv;
 pub(crate) mod elementwise;
 pub(crate) mod encoder;
@@ -36,7 +37,8 @@ mod layer_norm;
 pub(crate) mod mlp;
 pub(crate) mod network;
 pub(crate) mod per_agent;
-pub(crate) mod product;
+#[doc(hidden)]
+pub mod product;
 pub(crate) mod set;
 pub(crate) mod stack;
 pub(crate) mod tanh_gaussian;

@@ -7,8 +7,8 @@ use super::aligned::Aligned;
 use super::mlp::Mlp;
 use super::product::padded;
 use super::stack::Stack;
-use crate::error::{Error, Result};
-use crate::rng::Stream;
+use base::error::{Error, Result};
+use rng::Stream;
 use std::fmt::Debug;
 use std::sync::Arc;
 

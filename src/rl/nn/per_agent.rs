@@ -2,8 +2,8 @@
 
 use super::aligned::Aligned;
 use super::network::{Level, Memory, Network, Output, Pass, Scratch, Slot, Transposed, Weights};
-use crate::error::{Error, Result};
-use crate::rng::Stream;
+use base::error::{Error, Result};
+use rng::Stream;
 use std::sync::Arc;
 
 /// Networks that take turns: row k goes through number k mod n. Their parameters follow each other.

@@ -4,8 +4,8 @@
 //! and C, whose widths are padded to [`PAD`] numbers, and numbers of A are broadcast. Against general products (the
 //! crate `gemm`) it packs nothing, which decides for networks of 64 units; see `omnidrones bench learning`.
 
-use crate::autodiff::lanes::{Kernel, Lanes, dispatch};
-use crate::autodiff::unrolled::unrolled;
+use autodiff::lanes::{Kernel, Lanes, dispatch};
+use autodiff::unrolled::unrolled;
 
 /// Widths of rows are multiples of this: the widest register of any processor.
 pub(crate) const PAD: usize = 16;
@@ -17,7 +17,8 @@ pub(crate) const fn padded(n: usize) -> usize {
 
 /// A of a product, m × k.
 #[derive(Clone, Copy)]
-pub(crate) enum Left<'a> {
+#[doc(hidden)]
+pub enum Left<'a> {
     /// Row i begins at `i · stride`.
     Rows(&'a [f32], usize),
     /// The transpose of what stands there: column k begins at `k · stride`.
@@ -26,7 +27,8 @@ pub(crate) enum Left<'a> {
 
 /// What C holds before the sum.
 #[derive(Clone, Copy)]
-pub(crate) enum Begin<'a> {
+#[doc(hidden)]
+pub enum Begin<'a> {
     /// This row in every row.
     With(&'a [f32]),
     /// Zeros.
@@ -36,7 +38,8 @@ pub(crate) enum Begin<'a> {
 }
 
 /// C (m × n) ← begin + A (m × k) · B (k × n); `n` a multiple of [`PAD`], B and C without gaps.
-pub(crate) fn product(a: Left<'_>, b: &[f32], begin: Begin<'_>, c: &mut [f32], (m, k, n): (usize, usize, usize)) {
+#[doc(hidden)]
+pub fn product(a: Left<'_>, b: &[f32], begin: Begin<'_>, c: &mut [f32], (m, k, n): (usize, usize, usize)) {
     debug_assert!(n.is_multiple_of(PAD) && b.len() >= k * n && c.len() >= m * n);
     dispatch(Product { a, b, begin, c, m, k, n });
 }
@@ -220,7 +223,7 @@ fn broadcast<L: Lanes>(x: f32) -> L {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::{Purpose, Stream};
+    use rng::{Purpose, Stream};
 
     #[test]
     fn products_agree_with_sums_in_f64_for_all_shapes() {

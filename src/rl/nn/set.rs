@@ -4,8 +4,8 @@ use super::aligned::Aligned;
 use super::mlp::Mlp;
 use super::network::{Level, Memory, Network, Output, Pass, Scratch, Slot, Transposed, Weights};
 use super::product::padded;
-use crate::error::{Error, Result};
-use crate::rng::Stream;
+use base::error::{Error, Result};
+use rng::Stream;
 use serde::{Deserialize, Serialize};
 
 /// What is kept of all members.

@@ -51,7 +51,7 @@ pub fn pull(output: &[f32], noise: &[f32], alpha: f64, grad_action: &[f32], grad
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::{Purpose, Stream};
+    use rng::{Purpose, Stream};
 
     fn rows(stream: &mut Stream) -> ([f32; 6], [f32; 3], [f32; 3]) {
         let mut own = |to: &mut [f32], by: f64| to.iter_mut().for_each(|x| *x = (by * stream.normal()) as f32);

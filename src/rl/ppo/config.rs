@@ -1,16 +1,16 @@
 //! Settings of PPO.
 
-use crate::defaults::with_defaults;
-use crate::error::{Error, Result};
-use crate::rl::checks::{check_counts, check_positive};
-use crate::rl::nn::head::{LOG_STD_MAX, LOG_STD_MIN};
-use crate::rl::nn::{AdamConfig, Layers};
-use crate::rl::policy::Actor;
-use crate::rl::schedule::Schedule;
-use crate::rl::shards::with_normaliser;
-use crate::rl::value_norm::ValueNorm;
-use crate::tasks::{EnvConfig, Spec};
+use crate::checks::{check_counts, check_positive};
+use crate::nn::head::{LOG_STD_MAX, LOG_STD_MIN};
+use crate::nn::{AdamConfig, Layers};
+use crate::policy::Actor;
+use crate::schedule::Schedule;
+use crate::shards::with_normaliser;
+use crate::value_norm::ValueNorm;
+use base::defaults::with_defaults;
+use base::error::{Error, Result};
 use serde::{Deserialize, Serialize};
+use tasks::{EnvConfig, Spec};
 
 /// Whose policy the agents of a team fly, and how they learn it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]

@@ -1,9 +1,9 @@
 //! What the agents that learnt before change for those that learn after: π/π_old of every row, as it stands then.
 
-use crate::parallel::Threads;
-use crate::rl::nn::Memory;
-use crate::rl::policy::{Actor, ROWS};
-use crate::rl::rollout::Rollout;
+use crate::nn::Memory;
+use crate::policy::{Actor, ROWS};
+use crate::rollout::Rollout;
+use base::parallel::Threads;
 
 /// Largest ratio, and one over the least: one row must not outweigh all others in the turns behind.
 const MOST: f32 = 10.0;

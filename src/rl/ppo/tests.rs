@@ -1,12 +1,12 @@
 use super::*;
-use crate::autodiff::{Scalar, Trace, TraceMask};
-use crate::dynamics::Effects;
-use crate::rl::learner::saved;
-use crate::rl::nn::Layers;
-use crate::rl::schedule::Schedule;
-use crate::tasks::config::ActionSpace;
-use crate::tasks::probe::{CUT, Probe};
-use crate::tasks::{Ends, Robot, Start, Task, View, Writer};
+use crate::learner::saved;
+use crate::nn::Layers;
+use crate::schedule::Schedule;
+use autodiff::{Scalar, Trace, TraceMask};
+use dynamics::Effects;
+use tasks::config::ActionSpace;
+use tasks::probe::{CUT, Probe};
+use tasks::{Ends, Robot, Start, Task, View, Writer};
 
 fn hidden(n: usize, last: f64) -> Layers {
     Layers { hidden: vec![n, n], ..Layers::elu(last) }
@@ -95,9 +95,9 @@ fn the_gradient_of_the_loss_is_that_of_finite_differences() {
         let mut spec = Env::make("Hover", &EnvConfig { n_env: 1, ..EnvConfig::default() }).unwrap().spec().clone();
         spec.n_observation = 3;
         spec.action = match head {
-            Head::Gaussian { n } => crate::tasks::Space::Box { n, low: -1.0, high: 1.0 },
-            Head::Categorical { n } => crate::tasks::Space::Discrete { n },
-            Head::MultiCategorical { n, levels } => crate::tasks::Space::MultiDiscrete { n, levels },
+            Head::Gaussian { n } => tasks::Space::Box { n, low: -1.0, high: 1.0 },
+            Head::Categorical { n } => tasks::Space::Discrete { n },
+            Head::MultiCategorical { n, levels } => tasks::Space::MultiDiscrete { n, levels },
         };
         let actor = Actor::new(&spec, &hidden(5, 1.0), false).unwrap();
         assert_eq!(actor.head, head);

@@ -3,10 +3,10 @@
 //! A byte stands for low + k (high − low)/255 within the bounds of its field: off by at most half a step, 0.2 % of the range, for a
 //! quarter of the memory (as Mnih et al. 2015 keep their frames).
 
-use crate::error::{Error, Result};
-use crate::tasks::{Field, Spec, Stage};
+use base::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
+use tasks::{Field, Spec, Stage};
 
 /// How images and the beams of lidars are kept.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -159,7 +159,7 @@ impl Seen {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tasks::{Env, EnvConfig};
+    use tasks::{Env, EnvConfig};
 
     #[test]
     fn bytes_are_off_by_half_a_step_and_the_rest_is_as_it_was() {

@@ -1,6 +1,6 @@
 use super::*;
-use crate::rng::{Purpose, Stream};
-use crate::tasks::{Env, EnvConfig};
+use rng::{Purpose, Stream};
+use tasks::{Env, EnvConfig};
 
 const WIDTHS: Widths = Widths { n_agent: 2, n_observation: 3, n_action: 1, n_state: 2 };
 const ENVS: usize = 3;

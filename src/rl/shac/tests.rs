@@ -1,8 +1,8 @@
 use super::super::shards::shards;
 use super::*;
-use crate::rl::nn::{Init, Transposed, Weights};
-use crate::rl::policy_optimiser::MAX_RESTARTS;
-use crate::tasks::probe::Probe;
+use crate::nn::{Init, Transposed, Weights};
+use crate::policy_optimiser::MAX_RESTARTS;
+use tasks::probe::Probe;
 
 /// What the module's documentation says L is, in f64, from a window as it was flown.
 fn cost(worker: &Worker, critic: &mut Critic, how: Weighing) -> f64 {

@@ -1,15 +1,15 @@
 //! A run that begins from another one trains that first.
 
 use super::{Trainer, Watch};
-use crate::error::Result;
-use crate::file_gate;
-use crate::parallel::Threads;
-use crate::rl::config::TrainConfig;
-use crate::rl::policy::Policy;
-use crate::rl::policy_io::load_policy;
-use crate::rl::predecessor::{checked, spec};
-use crate::tasks::Spec;
+use crate::config::TrainConfig;
+use crate::policy::Policy;
+use crate::policy_io::load_policy;
+use crate::predecessor::{checked, spec};
+use base::error::Result;
+use base::file_gate;
+use base::parallel::Threads;
 use std::path::Path;
+use tasks::Spec;
 
 /// A policy to begin from, and what it cost.
 pub(super) struct Predecessor {

@@ -4,15 +4,15 @@ use super::block::{beginning, episode_state};
 use super::core::Core;
 use super::phases::{Numbers, Step, number};
 use super::plan::{Plan, Planner};
-use crate::autodiff::trace::on_constants;
-use crate::autodiff::{Mask, Scalar, Trace, TraceMask};
-use crate::dynamics::batch::ALIVE;
-use crate::error::{Error, Result};
-use crate::tasks::declare::Goal;
-use crate::tasks::randomise::Randomiser;
-use crate::tasks::robot::Robot;
-use crate::tasks::start::{Begun, Drawn, Draws, EVERY_EPISODE, ONCE, Source, Start, Streams};
-use crate::tasks::task::Task;
+use crate::declare::Goal;
+use crate::randomise::Randomiser;
+use crate::robot::Robot;
+use crate::start::{Begun, Drawn, Draws, EVERY_EPISODE, ONCE, Source, Start, Streams};
+use crate::task::Task;
+use autodiff::trace::on_constants;
+use autodiff::{Mask, Scalar, Trace, TraceMask};
+use base::error::{Error, Result};
+use dynamics::batch::ALIVE;
 use std::cell::RefCell;
 
 /// One environment where an episode begins or a goal changes.

@@ -6,11 +6,11 @@ use super::layout::Kept;
 use super::programs::Scratch;
 use super::residual::Lead;
 use super::sensing::{Senses, Sensors};
-use crate::autodiff::program::BLOCK;
-use crate::dynamics::batch::{Block, Culprit};
-use crate::tasks::task::TaskReference;
+use crate::task::TaskReference;
+use autodiff::program::BLOCK;
+use dynamics::batch::{Block, Culprit};
 
-pub(crate) use crate::autodiff::columns::Columns;
+pub(crate) use autodiff::columns::Columns;
 
 /// Rows of the episode state: what every task keeps.
 pub(crate) mod episode_state {

@@ -3,9 +3,9 @@
 use super::block::EnvBlock;
 use super::gradient::BlockTape;
 use super::spec::Spec;
-use crate::autodiff::program::BLOCK;
-use crate::error::{Error, Result};
-use crate::parallel::Divide;
+use autodiff::program::BLOCK;
+use base::error::{Error, Result};
+use base::parallel::Divide;
 
 /// Arrays that [`Env::step`](super::Env::step) and [`Env::reset`](super::Env::reset) write, E environments and A agents.
 ///

@@ -1,8 +1,8 @@
 //! Whether an environment keeps its contract: what learners rely on, checked on any task, also one's own.
 
 use super::{Buffers, Column, Env, Space};
-use crate::error::Result;
-use crate::tasks::config::{Autoreset, EnvConfig};
+use crate::config::{Autoreset, EnvConfig};
+use base::error::Result;
 
 /// One claim about an environment, and what spoke against it.
 #[derive(Debug, Clone, PartialEq, Eq)]

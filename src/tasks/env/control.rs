@@ -1,18 +1,18 @@
 //! From an agent's numbers to rotor actions: spaces, clipping, delay, and the cascade in the control modes.
 
-use crate::autodiff::program::BLOCK;
-use crate::autodiff::{Mask, Scalar, Trace, safe};
-use crate::controllers::action::ActionScale;
-use crate::controllers::cascade::{CascadeModel, Latched, Level};
-use crate::controllers::kinematics::Kinematics;
-use crate::dynamics::GRAVITY;
-use crate::dynamics::frame::{FRAME, Frame};
-use crate::dynamics::rotor::{holding_action, thrust_action};
-use crate::dynamics::spatial::rotate_back;
-use crate::dynamics::vehicle::MAX_ROTORS;
-use crate::error::{Error, Result};
-use crate::tasks::config::{ActionSpace, EnvConfig};
-use crate::tasks::robot::{DronePlace, Robot};
+use crate::config::{ActionSpace, EnvConfig};
+use crate::robot::{DronePlace, Robot};
+use autodiff::program::BLOCK;
+use autodiff::{Mask, Scalar, Trace, safe};
+use base::error::{Error, Result};
+use controllers::action::ActionScale;
+use controllers::cascade::{CascadeModel, Latched, Level};
+use controllers::kinematics::Kinematics;
+use dynamics::GRAVITY;
+use dynamics::frame::{FRAME, Frame};
+use dynamics::rotor::{holding_action, thrust_action};
+use dynamics::spatial::rotate_back;
+use dynamics::vehicle::MAX_ROTORS;
 
 /// How actions of a robot become inputs of its system.
 #[derive(Debug, Clone)]

@@ -10,17 +10,17 @@ use super::residual::Residual;
 use super::sensing::Sensing;
 use super::told::Told;
 use super::transition::{StepLayout, transition};
-use crate::autodiff::{Program, Recording, Scalar, Trace};
-use crate::dynamics::batch::Plant;
-use crate::error::Result;
-use crate::tasks::bounds::Bounds;
-use crate::tasks::config::Autoreset;
-use crate::tasks::declare::{Loss, Writer};
-use crate::tasks::observation::{Pipeline, Statistics};
-use crate::tasks::randomise::Randomiser;
-use crate::tasks::robot::Robot;
-use crate::tasks::task::{Task, View};
-use crate::tasks::task_spec::TaskSpec;
+use crate::bounds::Bounds;
+use crate::config::Autoreset;
+use crate::declare::{Loss, Writer};
+use crate::observation::{Pipeline, Statistics};
+use crate::randomise::Randomiser;
+use crate::robot::Robot;
+use crate::task::{Task, View};
+use crate::task_spec::TaskSpec;
+use autodiff::{Program, Recording, Scalar, Trace};
+use base::error::Result;
+use dynamics::batch::Plant;
 use std::sync::{Arc, OnceLock};
 
 /// Everything that all environments share and that a step only reads.
@@ -36,7 +36,7 @@ pub(crate) struct Core {
     /// With which rotors hold the speeds of rest.
     pub hover_input: Vec<f64>,
     pub bounds: Bounds,
-    /// See [`EnvConfig::throttle_change`](crate::tasks::EnvConfig::throttle_change).
+    /// See [`EnvConfig::throttle_change`](crate::EnvConfig::throttle_change).
     pub throttle_change: f64,
     /// Rows of the state that are bounded.
     pub limits: Vec<(usize, f32)>,
@@ -58,7 +58,7 @@ pub(crate) struct Core {
     pub varying: Vec<usize>,
     pub nominal: Vec<f64>,
     /// The robot's system, with the numbers that vary as parameters if any do: what gradients are taken of.
-    pub exposed: crate::dynamics::Plant,
+    pub exposed: dynamics::Plant,
     pub speed_rows: Vec<usize>,
     pub statistics: Statistics,
     /// Means, then 1/standard deviations, as stages read them.

@@ -2,9 +2,9 @@
 
 use super::mask::lanes_of;
 use super::plan::Plan;
-use crate::autodiff::program::BLOCK;
-use crate::rng::{Words, blocks};
-use crate::tasks::start::STREAMS;
+use crate::start::STREAMS;
+use autodiff::program::BLOCK;
+use rng::{Words, blocks};
 
 /// The streams of the environments of a block where something begins.
 #[derive(Debug, Clone)]

@@ -1,7 +1,7 @@
 //! Gradients through steps of many environments: a tape of what was stepped, its reverse sweep, and Jacobians.
 //!
 //! The tape keeps what went into each step, not operations: a step's inside is recomputed by its adjoint program, as in
-//! [`Rollout`](crate::autodiff::Rollout). A sweep is pulled step by step, backwards, so that a policy between steps can
+//! [`Rollout`](autodiff::Rollout). A sweep is pulled step by step, backwards, so that a policy between steps can
 //! turn the gradient of its action into one of its observation.
 //!
 //! Gradients are cut
@@ -21,15 +21,15 @@ use super::core::Core;
 use super::mask::lanes_of;
 use super::sensing::{POSE, SLOPE, Sloped};
 use super::transition::{self, StepLayout};
-use crate::autodiff::lanes::{to_columns, to_rows};
-use crate::autodiff::native::{Executable, Layout, Place, Rows, Work};
-use crate::autodiff::once::made_once;
-use crate::autodiff::program::{BLOCK, BlockWorkspace};
-use crate::autodiff::{Program, Recording};
-use crate::error::{Error, Result};
-use crate::memory::Request;
-use crate::parallel::{Divide, Threads};
-use crate::tasks::config::{ActionSpace, Autoreset};
+use crate::config::{ActionSpace, Autoreset};
+use autodiff::lanes::{to_columns, to_rows};
+use autodiff::native::{Executable, Layout, Place, Rows, Work};
+use autodiff::once::made_once;
+use autodiff::program::{BLOCK, BlockWorkspace};
+use autodiff::{Program, Recording};
+use base::error::{Error, Result};
+use base::memory::Request;
+use base::parallel::{Divide, Threads};
 use nalgebra::{DMatrix, DMatrixView};
 use num_dual::Dual64;
 use std::ops::Range;
@@ -366,7 +366,7 @@ impl Env {
     ///
     /// # Errors
     /// [`Error::Value`] for discrete actions; [`Error::Limit`] before any allocation if that is more than
-    /// [`EnvConfig::memory_limit`](crate::tasks::EnvConfig::memory_limit).
+    /// [`EnvConfig::memory_limit`](crate::EnvConfig::memory_limit).
     pub fn tape(&self, horizon: usize) -> Result<Tape> {
         self.check_continuous()?;
         let (layout, n_block) = (self.layout(), self.blocks.len());

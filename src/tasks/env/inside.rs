@@ -3,11 +3,11 @@
 use super::Env;
 use super::block::signal;
 use super::phases::{Numbers, Step};
-use crate::autodiff::program::BLOCK;
-use crate::autodiff::trace::on_constants;
-use crate::autodiff::{Scalar, Trace};
-use crate::dynamics::frame::{FRAME, Frame};
-use crate::error::{Error, Result};
+use autodiff::program::BLOCK;
+use autodiff::trace::on_constants;
+use autodiff::{Scalar, Trace};
+use base::error::{Error, Result};
+use dynamics::frame::{FRAME, Frame};
 
 /// A step of one environment in `f64`, done phase by phase: [`Env::inside_step`].
 ///
@@ -114,7 +114,7 @@ impl PhaseByPhase<'_> {
         self.step.physics();
     }
 
-    /// Stops what left its [`Bounds`](crate::tasks::Bounds); the state at rest is shown in its place.
+    /// Stops what left its [`Bounds`](crate::Bounds); the state at rest is shown in its place.
     pub fn contain(&mut self) {
         self.step.contain();
     }

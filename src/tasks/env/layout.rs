@@ -1,11 +1,11 @@
 //! Where the numbers of an environment stand: the one table of rows that steps, snapshots, tapes and memory limits go by.
 //!
 //! A row holds a number of sixty-four environments. Physics have rows of their own
-//! ([`Block`](crate::dynamics::batch::Block)); the others are of three kinds: what an environment keeps between steps, what a step
+//! ([`Block`](dynamics::batch::Block)); the others are of three kinds: what an environment keeps between steps, what a step
 //! works with, and what all environments share.
 
 use super::block::{Sizes, beginning, signal};
-use crate::dynamics::frame::FRAME;
+use dynamics::frame::FRAME;
 use std::ops::Range;
 
 /// Rows that belong together.

@@ -1,9 +1,9 @@
 //! Whether a batch fits into memory: found from sizes, before anything large is allocated.
 
 use super::block::Sizes;
-use crate::dynamics::batch::{Culprit, Plant};
-use crate::error::Result;
-use crate::memory::{Request, none_asked};
+use base::error::Result;
+use base::memory::{Request, none_asked};
+use dynamics::batch::{Culprit, Plant};
 
 /// Bytes of what a controller tracks, about: the pieces of a path.
 const REFERENCE: usize = 2048;

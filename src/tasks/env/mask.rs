@@ -1,8 +1,8 @@
 //! Sets of environments of a block: one bit per lane.
 
-use crate::autodiff::program::BLOCK;
+use autodiff::program::BLOCK;
 
-/// The inverse of [`ones`](crate::autodiff::lanes::ones).
+/// The inverse of [`ones`](autodiff::lanes::ones).
 pub(crate) fn spread_bits(mask: u64, row: &mut [f32; BLOCK]) {
     for (lane, x) in row.iter_mut().enumerate() {
         *x = ((mask >> lane) & 1) as f32;

@@ -34,7 +34,8 @@
 pub(crate) mod begin;
 pub(crate) mod block;
 pub(crate) mod buffers;
-pub(crate) mod check;
+#[doc(hidden)]
+pub mod check;
 pub(crate) mod control;
 pub(crate) mod core;
 mod draws;
@@ -65,7 +66,8 @@ pub use buffers::{Buffers, StepOut};
 pub use gradient::{Adjoint, Cotangents, Jacobian, Seeds, Sweep, SweepOptions, Tape};
 pub use inside::PhaseByPhase;
 pub use normaliser::Pending;
-pub(crate) use normaliser::VARIANCE_FLOOR;
+#[doc(hidden)]
+pub use normaliser::VARIANCE_FLOOR;
 pub use spec::{AgentWidths, Column, Info, Space, Spec};
 pub use transition::StepLayout;
 
@@ -84,22 +86,22 @@ use self::spec::spec_of;
 use self::stepper::Stepper;
 use self::told::Told;
 use self::transition::{config_hash, exposed, ideal_terms, reference};
-use crate::autodiff::lanes::{first_lanes, to_rows};
-use crate::autodiff::program::BLOCK;
-use crate::dynamics::Physics;
-use crate::dynamics::batch::{Breach, Plant, STOPPED};
-use crate::dynamics::rigid::BODY_PARAMETERS;
-use crate::dynamics::rotor::{N_ROTOR_PARAMETER, at};
-use crate::dynamics::shape::Shape;
-use crate::error::{Error, Result, finite};
-use crate::parallel::Threads;
-use crate::rng::{Purpose, Stream};
-use crate::tasks::any_task::declare;
-use crate::tasks::config::{EnvConfig, check_difficulty};
-use crate::tasks::observation::{Extent, Pipeline, Statistics};
-use crate::tasks::randomise::Randomiser;
-use crate::tasks::task::{Task, TaskReference};
-use crate::tasks::task_spec::{TaskSpec, total};
+use crate::any_task::declare;
+use crate::config::{EnvConfig, check_difficulty};
+use crate::observation::{Extent, Pipeline, Statistics};
+use crate::randomise::Randomiser;
+use crate::task::{Task, TaskReference};
+use crate::task_spec::{TaskSpec, total};
+use autodiff::lanes::{first_lanes, to_rows};
+use autodiff::program::BLOCK;
+use base::error::{Error, Result, finite};
+use base::parallel::Threads;
+use dynamics::Physics;
+use dynamics::batch::{Breach, Plant, STOPPED};
+use dynamics::rigid::BODY_PARAMETERS;
+use dynamics::rotor::{N_ROTOR_PARAMETER, at};
+use dynamics::shape::Shape;
+use rng::{Purpose, Stream};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 /// Blocks per task of a thread: their rows stay in its second-level cache.
@@ -206,8 +208,8 @@ impl Env {
         };
         // numbers that vary may leave zero, so nothing may be left out
         let plant = match robot.plant() {
-            crate::dynamics::Plant::Rigid(m) => Plant::rigid(m.vehicle(), vary_effects(*m.physics(), &varied))?.0,
-            crate::dynamics::Plant::Tree(m) => Plant::tree(m.model(), *m.physics(), !varied.is_empty())?.0,
+            dynamics::Plant::Rigid(m) => Plant::rigid(m.vehicle(), vary_effects(*m.physics(), &varied))?.0,
+            dynamics::Plant::Tree(m) => Plant::tree(m.model(), *m.physics(), !varied.is_empty())?.0,
         };
         let n_env = config.n_env;
         let bytes = bytes_per_env(&plant, &sizes) + sensing.as_ref().map_or(0, Sensing::bytes);
@@ -481,7 +483,7 @@ impl Env {
         Ok(self.core.layout.kept.goal.of(&block.kept).iter().map(|row| row[lane]).collect())
     }
 
-    /// What stands around in one environment, world: [`Scene::solids`](crate::dynamics::scene::Scene::solids) of the task's
+    /// What stands around in one environment, world: [`Scene::solids`](dynamics::scene::Scene::solids) of the task's
     /// scene, where the goal puts them. What the robot's model holds is not among it.
     ///
     /// # Errors

@@ -5,9 +5,9 @@
 //! them. Evaluation: `set_statistics` alone.
 
 use super::Env;
-use crate::autodiff::program::BLOCK;
-use crate::error::{Error, Result, finite};
-use crate::tasks::observation::Statistics;
+use crate::observation::Statistics;
+use autodiff::program::BLOCK;
+use base::error::{Error, Result, finite};
 
 /// What a normaliser saw since its statistics were frozen: sums about their mean, for [`Statistics::merge`].
 #[derive(Debug, Clone, PartialEq)]
@@ -108,4 +108,5 @@ impl Env {
 }
 
 /// Under a normaliser's variances.
-pub(crate) const VARIANCE_FLOOR: f64 = 1e-8;
+#[doc(hidden)]
+pub const VARIANCE_FLOOR: f64 = 1e-8;

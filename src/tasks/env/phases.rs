@@ -11,12 +11,12 @@ use super::block::{episode_state, signal};
 use super::control::clipped;
 use super::core::Core;
 use super::layout::{EnvLayout, Kept, Part, Working};
-use crate::autodiff::{Mask, Scalar, Trace, TraceMask};
-use crate::dynamics::batch::{ALIVE, STOPPED};
-use crate::error::Error;
-use crate::tasks::declare::{Ends, Writer};
-use crate::tasks::observation::AgentArrays;
-use crate::tasks::task::View;
+use crate::declare::{Ends, Writer};
+use crate::observation::AgentArrays;
+use crate::task::View;
+use autodiff::{Mask, Scalar, Trace, TraceMask};
+use base::error::Error;
+use dynamics::batch::{ALIVE, STOPPED};
 
 /// The numbers of one environment, by the arrays of [`EnvLayout`].
 #[derive(Debug, Clone)]

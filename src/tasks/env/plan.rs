@@ -1,8 +1,8 @@
 //! What the host draws for a recorded start or event, and in which order.
 
-use crate::autodiff::{Mask, Scalar, Trace, TraceMask};
-use crate::error::{Error, Result};
-use crate::tasks::start::{Drawing, Source, WORDS_OF_EVENT};
+use crate::start::{Drawing, Source, WORDS_OF_EVENT};
+use autodiff::{Mask, Scalar, Trace, TraceMask};
+use base::error::{Error, Result};
 use std::ops::Range;
 
 /// The draws of a recording: those made once, those that are made again until they are accepted, and those behind.

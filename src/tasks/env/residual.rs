@@ -1,7 +1,7 @@
 //! Actions as changes of what a controller commands: u = u_c + share · a, clipped (Johannink et al. 2019, "Residual
 //! Reinforcement Learning for Robot Control").
 //!
-//! The controller is the task's own ([`Crew`]), as it is in [`Baseline`](crate::tasks::Baseline) but for one thing: it knows
+//! The controller is the task's own ([`Crew`]), as it is in [`Baseline`](crate::Baseline) but for one thing: it knows
 //! the nominal numbers, not those of the episode. What differs is there to be learnt.
 
 use super::block::take;
@@ -10,13 +10,13 @@ use super::core::Core;
 use super::layout::Kept;
 use super::mask::lanes_of;
 use super::transition;
-use crate::autodiff::program::BLOCK;
-use crate::controllers::cascade::Level;
-use crate::error::{Error, Result};
-use crate::tasks::config::EnvConfig;
-use crate::tasks::crew::Crew;
-use crate::tasks::robot::{DronePlace, Robot};
-use crate::tasks::task::TaskReference;
+use crate::config::EnvConfig;
+use crate::crew::Crew;
+use crate::robot::{DronePlace, Robot};
+use crate::task::TaskReference;
+use autodiff::program::BLOCK;
+use base::error::{Error, Result};
+use controllers::cascade::Level;
 
 const WITHOUT: &str = "Leave it out: actions are then the commands themselves.";
 

@@ -8,12 +8,12 @@ use super::mask::lanes_of;
 use super::plan::Plan;
 use super::programs::{RowProgram, Scratch};
 use super::stepper::{Stepper, registers_of};
-use crate::autodiff::lanes::ones;
-use crate::autodiff::native::Work;
-use crate::autodiff::program::BLOCK;
-use crate::rng::{Purpose, Stream, ln};
-use crate::tasks::start::{Streams, key_of_event, key_of_start, position_of_event};
-use crate::tasks::task::HostStart;
+use crate::start::{Streams, key_of_event, key_of_start, position_of_event};
+use crate::task::HostStart;
+use autodiff::lanes::ones;
+use autodiff::native::Work;
+use autodiff::program::BLOCK;
+use rng::{Purpose, Stream, ln};
 
 const STAGGER: Purpose = Purpose::user(0x57a6);
 const DELAY: Purpose = Purpose::user(0xde1a);

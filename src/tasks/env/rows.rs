@@ -4,8 +4,8 @@ use super::block::signal;
 use super::buffers::StepOut;
 use super::mask::lanes_of;
 use super::stepper::Stepper;
-use crate::autodiff::lanes::to_rows;
-use crate::autodiff::program::BLOCK;
+use autodiff::lanes::to_rows;
+use autodiff::program::BLOCK;
 
 impl Stepper<'_> {
     /// Reward, flags and information of every environment.

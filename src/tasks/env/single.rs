@@ -1,8 +1,8 @@
 //! One environment at a time, for newcomers and for scripts: a batch of one.
 
 use super::{Buffers, Env, Spec};
-use crate::error::Result;
-use crate::tasks::config::{Autoreset, EnvConfig};
+use crate::config::{Autoreset, EnvConfig};
+use base::error::Result;
 
 /// What a step of a [`SingleEnv`] gives.
 #[derive(Debug, Clone, Copy, PartialEq)]

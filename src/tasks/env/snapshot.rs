@@ -2,10 +2,10 @@
 
 use super::block::{EnvBlock, episode_state};
 use super::{Env, spec};
-use crate::autodiff::lanes::first_lanes;
-use crate::autodiff::program::BLOCK;
-use crate::error::{Error, Result};
-use crate::tasks::config::EnvConfig;
+use crate::config::EnvConfig;
+use autodiff::lanes::first_lanes;
+use autodiff::program::BLOCK;
+use base::error::{Error, Result};
 
 const MAGIC: [u8; 8] = *b"omnienv5";
 /// What stands before the number of the format.

@@ -2,11 +2,11 @@
 
 use super::block::Sizes;
 use super::control::Control;
-use crate::error::{Error, Result};
-use crate::reader;
-use crate::tasks::config::{ActionSpace, EnvConfig};
-use crate::tasks::observation::{LEAST_NOMINAL, Pipeline};
-use crate::tasks::task_spec::{DIVERGED, End, Field, Success, TaskSpec, Term, below, total};
+use crate::config::{ActionSpace, EnvConfig};
+use crate::observation::{LEAST_NOMINAL, Pipeline};
+use crate::task_spec::{DIVERGED, End, Field, Success, TaskSpec, Term, below, total};
+use base::error::{Error, Result};
+use base::reader;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
@@ -200,7 +200,7 @@ impl Spec {
         }));
     }
 
-    /// The end that follows [`Spec::ends`]: a number of the state left the [`Bounds`](crate::tasks::Bounds) of the
+    /// The end that follows [`Spec::ends`]: a number of the state left the [`Bounds`](crate::Bounds) of the
     /// configuration. Reward and loss of that step are 0.
     pub fn diverged(&self) -> End {
         End { name: DIVERGED.into(), condition: self.config.bounds.text() }
@@ -234,7 +234,7 @@ impl Spec {
     /// From JSON.
     ///
     /// # Errors
-    /// [`Error::Format`](crate::error::Error::Format) with line and column.
+    /// [`Error::Format`](base::error::Error::Format) with line and column.
     pub fn from_json(text: &str) -> Result<Self> {
         reader::of_json(text.as_bytes(), "<spec>", "Take what Spec::to_json wrote.")
     }

@@ -6,10 +6,10 @@ use super::core::Core;
 use super::gradient::Slot;
 use super::mask::lanes_of;
 use super::transition::StepLayout;
-use crate::autodiff::lanes::{first_lanes, ones, to_columns};
-use crate::autodiff::native::WIDEST;
-use crate::dynamics::batch::{Culprit, STOPPED};
-use crate::tasks::config::Autoreset;
+use crate::config::Autoreset;
+use autodiff::lanes::{first_lanes, ones, to_columns};
+use autodiff::native::WIDEST;
+use dynamics::batch::{Culprit, STOPPED};
 use std::ops::Range;
 
 /// A block in the hands of a worker.

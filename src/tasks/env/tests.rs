@@ -3,11 +3,11 @@
 use super::begin::Draft;
 use super::block::episode_state;
 use super::*;
-use crate::autodiff::trace::on_constants;
-use crate::autodiff::{Scalar, Trace};
-use crate::tasks::config::{Autoreset, MAX_HORIZON};
-use crate::tasks::registry::names;
-use crate::tasks::start::Streams;
+use crate::config::{Autoreset, MAX_HORIZON};
+use crate::registry::names;
+use crate::start::Streams;
+use autodiff::trace::on_constants;
+use autodiff::{Scalar, Trace};
 
 fn hover(n_env: usize, horizon: usize) -> Env {
     let mut config = EnvConfig { n_env, ..EnvConfig::default() };
@@ -257,7 +257,7 @@ fn evaluations_ask_for_all_columns() {
             actions.fill(f32::NAN);
             Ok(())
         };
-        crate::tasks::evaluate(&mut env, safe, &mut |_| {})
+        crate::evaluate(&mut env, safe, &mut |_| {})
     };
     let refusal = fly(&config).unwrap_err().to_string();
     assert_eq!(refusal, "info is [], but it must be all columns here. Leave `info` out.");

@@ -4,11 +4,11 @@ use super::block::{EnvBlock, Sizes, episode_state, signal};
 use super::layout::EnvLayout;
 use super::programs::{KEPT, WORK};
 use super::spec::{Column, Info};
-use crate::autodiff::lanes::gather_rows;
-use crate::autodiff::native::Place;
-use crate::autodiff::program::BLOCK;
-use crate::error::{Error, Result};
-use crate::tasks::task_spec::TaskSpec;
+use crate::task_spec::TaskSpec;
+use autodiff::lanes::gather_rows;
+use autodiff::native::Place;
+use autodiff::program::BLOCK;
+use base::error::{Error, Result};
 
 /// Where a number is told from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

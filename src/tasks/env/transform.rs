@@ -3,8 +3,8 @@
 use super::block::episode_state;
 use super::mask::{lanes_of, spread_bits};
 use super::stepper::Stepper;
-use crate::autodiff::program::BLOCK;
-use crate::rng::{NORMAL_WORDS, Purpose, normals};
+use autodiff::program::BLOCK;
+use rng::{NORMAL_WORDS, Purpose, normals};
 
 impl Stepper<'_> {
     /// Observations through the pipeline, where environments moved on and where episodes begin.

@@ -8,13 +8,13 @@ use super::layout::{EnvLayout, Kept, Part};
 use super::phases::{Numbers, Step};
 use super::sensing::POSE;
 use super::spec::fnv;
-use crate::autodiff::{Scalar, Trace};
-use crate::dynamics::Plant;
-use crate::dynamics::batch::ALIVE;
-use crate::tasks::any_task::Snapshot;
-use crate::tasks::config::EnvConfig;
-use crate::tasks::robot::Robot;
-use crate::tasks::task::TaskReference;
+use crate::any_task::Snapshot;
+use crate::config::EnvConfig;
+use crate::robot::Robot;
+use crate::task::TaskReference;
+use autodiff::{Scalar, Trace};
+use dynamics::Plant;
+use dynamics::batch::ALIVE;
 use std::ops::Range;
 
 /// Where everything stands among the arguments and results of a step that gradients are taken of.
@@ -151,12 +151,14 @@ impl StepLayout {
     }
 
     /// Numbers that a tape keeps of a step and an environment.
-    pub(crate) fn n_taped(&self) -> usize {
+    #[doc(hidden)]
+    pub fn n_taped(&self) -> usize {
         self.n_kept() + self.slopes
     }
 
     /// Arguments that differ between environments: those that a tape keeps.
-    pub(crate) fn n_kept(&self) -> usize {
+    #[doc(hidden)]
+    pub fn n_kept(&self) -> usize {
         self.noise.end
     }
 }

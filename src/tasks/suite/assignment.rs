@@ -48,7 +48,7 @@ pub(super) fn assign(n: usize, cost: impl Fn(usize, usize) -> f64) -> [usize; MO
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::{Purpose, Stream};
+    use rng::{Purpose, Stream};
 
     /// Least sum over all orders of the columns from `row` on.
     fn best(n: usize, row: usize, free: &mut [bool], cost: &dyn Fn(usize, usize) -> f64) -> f64 {

@@ -10,18 +10,18 @@ use super::hover::set_heading;
 use super::{
     PoseLoss, PoseSuccess, StartRange, farther, less, made_of, rate_cost, speed_cost, squared, succeeds_within,
 };
-use crate::autodiff::{Array, Mask, Scalar, Trace, safe};
-use crate::dynamics::configurations::Dragon;
-use crate::dynamics::frame::Frame;
-use crate::dynamics::spatial::{Vec3, add, constants, dot, rotate, scale, sub, yawed};
-use crate::error::Result;
+use crate::config::EnvConfig;
+use crate::declare::{Ends, Loss, Writer};
+use crate::reward::{both, exponential_kernel, smooth_norm};
+use crate::robot::{Robot, benchmark_motors};
 use crate::settings;
-use crate::tasks::config::EnvConfig;
-use crate::tasks::declare::{Ends, Loss, Writer};
-use crate::tasks::reward::{both, exponential_kernel, smooth_norm};
-use crate::tasks::robot::{Robot, benchmark_motors};
-use crate::tasks::start::{ANY_YAW, Start};
-use crate::tasks::task::{BuiltIn, Task, TaskReference, View};
+use crate::start::{ANY_YAW, Start};
+use crate::task::{BuiltIn, Task, TaskReference, View};
+use autodiff::{Array, Mask, Scalar, Trace, safe};
+use base::error::Result;
+use dynamics::configurations::Dragon;
+use dynamics::frame::Frame;
+use dynamics::spatial::{Vec3, add, constants, dot, rotate, scale, sub, yawed};
 
 /// Links.
 const LINKS: usize = 4;

@@ -16,21 +16,21 @@ use super::{
     MotionLoss, PoseReward, StartAttitude, StartRange, along_the_course, ease_of_flight, eased, farther, latch, less,
     made_of, more, nearer, rate_cost, speed_cost, succeeds_once, times,
 };
-use crate::autodiff::{Array, Mask, Scalar, Trace, safe};
-use crate::dynamics::assembly::{Member, single};
-use crate::dynamics::configurations::environment;
-use crate::dynamics::frame::Frame;
-use crate::dynamics::scene::{Gate, Scene, Slide};
-use crate::dynamics::shape::Pose;
-use crate::dynamics::spatial::{Vec3, sub};
-use crate::error::Result;
+use crate::config::EnvConfig;
+use crate::declare::{Ends, Loss, Writer};
+use crate::reward::{exponential_kernel, rational_kernel, smooth_norm, still, upright};
+use crate::robot::Robot;
 use crate::settings;
-use crate::tasks::config::EnvConfig;
-use crate::tasks::declare::{Ends, Loss, Writer};
-use crate::tasks::reward::{exponential_kernel, rational_kernel, smooth_norm, still, upright};
-use crate::tasks::robot::Robot;
-use crate::tasks::start::{Start, flag};
-use crate::tasks::task::{BuiltIn, Task, View};
+use crate::start::{Start, flag};
+use crate::task::{BuiltIn, Task, View};
+use autodiff::{Array, Mask, Scalar, Trace, safe};
+use base::error::Result;
+use dynamics::assembly::{Member, single};
+use dynamics::configurations::environment;
+use dynamics::frame::Frame;
+use dynamics::scene::{Gate, Scene, Slide};
+use dynamics::shape::Pose;
+use dynamics::spatial::{Vec3, sub};
 
 /// Starts on the way are no nearer to the gate, m.
 const CLEAR: f64 = 0.5;

@@ -18,20 +18,20 @@ use super::{
     StartAttitude, StartRange, farther, latch, less, made_of, more, nearer, rate_cost, speed_cost, squared,
     starts_on_host, succeeds_once, times,
 };
-use crate::autodiff::{Array, Mask, Scalar, Trace, safe};
-use crate::controllers::reference::{Reference, Waypoint, Waypoints};
-use crate::dynamics::scene::{self, Scene};
-use crate::dynamics::shape::{Geometry, Pose};
-use crate::dynamics::spatial::{Vec3, constants, scale, sub};
-use crate::dynamics::vehicle::Vehicle;
-use crate::error::{Error, Result};
+use crate::config::EnvConfig;
+use crate::declare::{Ends, Goal, Loss, Writer};
+use crate::reward::upright;
+use crate::robot::Robot;
 use crate::settings;
-use crate::tasks::config::EnvConfig;
-use crate::tasks::declare::{Ends, Goal, Loss, Writer};
-use crate::tasks::reward::upright;
-use crate::tasks::robot::Robot;
-use crate::tasks::start::{Drawn, Start};
-use crate::tasks::task::{BuiltIn, HostStart, Task, TaskReference, View};
+use crate::start::{Drawn, Start};
+use crate::task::{BuiltIn, HostStart, Task, TaskReference, View};
+use autodiff::{Array, Mask, Scalar, Trace, safe};
+use base::error::{Error, Result};
+use controllers::reference::{Reference, Waypoint, Waypoints};
+use dynamics::scene::{self, Scene};
+use dynamics::shape::{Geometry, Pose};
+use dynamics::spatial::{Vec3, constants, scale, sub};
+use dynamics::vehicle::Vehicle;
 use std::iter;
 
 /// Most trunks of a forest.
@@ -142,7 +142,7 @@ impl BuiltIn for Forest {
 
 /// Capsules and balls of a vehicle, of its boxes the diagonals, and a ball about every propeller.
 fn bars(vehicle: &Vehicle) -> Vec<Bar> {
-    let bar = |shape: &crate::dynamics::shape::Shape| {
+    let bar = |shape: &dynamics::shape::Shape| {
         let (radius, length) = match shape.geometry {
             Geometry::Capsule { radius, length } => (radius, length),
             Geometry::Sphere { radius } => (radius, 0.0),

@@ -10,18 +10,18 @@ use super::team::{
 use super::{
     PoseLoss, StartAttitude, eased, less, made_of, more, nearer, rate_cost, speed_cost, starts_on_host, times,
 };
-use crate::autodiff::{Array, Mask, Scalar, Trace, TraceMask, safe};
-use crate::controllers::reference::{Reference, Tilt, Waypoint, Waypoints};
-use crate::dynamics::spatial::{Quat, Vec3, add, constants, scale, sub};
-use crate::error::{Error, Result, finite};
+use crate::config::EnvConfig;
+use crate::declare::{Ends, Goal, Loss, Writer};
+use crate::reward::{exponential_kernel, rational_kernel, smooth_norm};
+use crate::robot::Robot;
 use crate::settings;
-use crate::tasks::config::EnvConfig;
-use crate::tasks::declare::{Ends, Goal, Loss, Writer};
-use crate::tasks::reward::{exponential_kernel, rational_kernel, smooth_norm};
-use crate::tasks::robot::Robot;
-use crate::tasks::start::{Drawn, Start};
-use crate::tasks::task::{BuiltIn, HostStart, Task, TaskReference, View};
-use crate::tasks::task_spec::Success;
+use crate::start::{Drawn, Start};
+use crate::task::{BuiltIn, HostStart, Task, TaskReference, View};
+use crate::task_spec::Success;
+use autodiff::{Array, Mask, Scalar, Trace, TraceMask, safe};
+use base::error::{Error, Result, finite};
+use controllers::reference::{Reference, Tilt, Waypoint, Waypoints};
+use dynamics::spatial::{Quat, Vec3, add, constants, scale, sub};
 use serde::{Deserialize, Serialize};
 
 /// When our controllers have every drone at its point, s.

@@ -20,20 +20,20 @@ use super::team::{
 use super::{
     MotionLoss, PoseReward, StartAttitude, StartRange, latch, less, made_of, more, rate_cost, speed_cost, times,
 };
-use crate::autodiff::{Array, Mask, Scalar, Trace, TraceMask, safe};
-use crate::controllers::reference::{Reference, Tilt, Waypoint, Waypoints};
-use crate::dynamics::scene::{FAR, Gate, Scene};
-use crate::dynamics::shape::Pose;
-use crate::dynamics::spatial::{Vec3, constants, multiply, sub};
-use crate::error::Result;
+use crate::config::EnvConfig;
+use crate::declare::{Ends, Loss, Writer};
+use crate::reward::{exponential_kernel, rational_kernel, smooth_norm, still, upright};
+use crate::robot::Robot;
 use crate::settings;
-use crate::tasks::config::EnvConfig;
-use crate::tasks::declare::{Ends, Loss, Writer};
-use crate::tasks::reward::{exponential_kernel, rational_kernel, smooth_norm, still, upright};
-use crate::tasks::robot::Robot;
-use crate::tasks::start::{Start, flag};
-use crate::tasks::task::{BuiltIn, Task, TaskReference, View};
-use crate::tasks::task_spec::Success;
+use crate::start::{Start, flag};
+use crate::task::{BuiltIn, Task, TaskReference, View};
+use crate::task_spec::Success;
+use autodiff::{Array, Mask, Scalar, Trace, TraceMask, safe};
+use base::error::Result;
+use controllers::reference::{Reference, Tilt, Waypoint, Waypoints};
+use dynamics::scene::{FAR, Gate, Scene};
+use dynamics::shape::Pose;
+use dynamics::spatial::{Vec3, constants, multiply, sub};
 
 /// Drones.
 const N: usize = 2;

@@ -9,16 +9,16 @@ use super::{
     PoseLoss, PoseReward, PoseSuccess, StartRange, drive_loss, ease_of_flight, farther, less, made_of, rate_cost,
     speed_cost, squared, succeeds_within, times,
 };
-use crate::autodiff::{Array, Mask, Scalar, Trace, safe};
-use crate::dynamics::spatial::{Vec3, constants, dot, rotate, sub, yawed};
-use crate::error::Result;
+use crate::config::EnvConfig;
+use crate::declare::{Ends, Loss, Writer};
+use crate::reward::{both, rational_kernel, smooth_norm, still, upright};
+use crate::robot::Robot;
 use crate::settings;
-use crate::tasks::config::EnvConfig;
-use crate::tasks::declare::{Ends, Loss, Writer};
-use crate::tasks::reward::{both, rational_kernel, smooth_norm, still, upright};
-use crate::tasks::robot::Robot;
-use crate::tasks::start::{ANY_YAW, Start};
-use crate::tasks::task::{BuiltIn, Task, TaskReference, View};
+use crate::start::{ANY_YAW, Start};
+use crate::task::{BuiltIn, Task, TaskReference, View};
+use autodiff::{Array, Mask, Scalar, Trace, safe};
+use base::error::Result;
+use dynamics::spatial::{Vec3, constants, dot, rotate, sub, yawed};
 
 settings! {
     /// Settings of [`Hover`].

@@ -14,23 +14,23 @@ use super::obstacles::{Bars, BarsSettings, rounded, softened, touching};
 use super::{
     MotionLoss, PathSuccess, StartAttitude, StartRange, along_the_course, latch, nearer, rate_cost, speed_cost, times,
 };
-use crate::autodiff::{Scalar, Trace, TraceMask, safe};
-use crate::controllers::reference::{Carried, LoadPath, Reference};
-use crate::dynamics::Vehicle;
-use crate::dynamics::assembly::Member;
-use crate::dynamics::configurations::{InvertedPendulum, Payload, environment};
-use crate::dynamics::frame::Frame;
-use crate::dynamics::spatial::{Quat, Vec3, add, rotate, sub};
-use crate::dynamics::tree::{Model, ModelParts};
-use crate::error::Result;
+use crate::config::EnvConfig;
+use crate::declare::{Loss, Writer};
+use crate::reward::smooth_norm;
+use crate::robot::{Inertial, Robot};
 use crate::settings;
-use crate::tasks::config::EnvConfig;
-use crate::tasks::declare::{Loss, Writer};
-use crate::tasks::reward::smooth_norm;
-use crate::tasks::robot::{Inertial, Robot};
-use crate::tasks::start::{Drawn, Start};
-use crate::tasks::task::{TaskReference, View};
-use crate::tasks::track_path::{Follow, PathRange, TrackPath};
+use crate::start::{Drawn, Start};
+use crate::task::{TaskReference, View};
+use crate::track_path::{Follow, PathRange, TrackPath};
+use autodiff::{Scalar, Trace, TraceMask, safe};
+use base::error::Result;
+use controllers::reference::{Carried, LoadPath, Reference};
+use dynamics::Vehicle;
+use dynamics::assembly::Member;
+use dynamics::configurations::{InvertedPendulum, Payload, environment};
+use dynamics::frame::Frame;
+use dynamics::spatial::{Quat, Vec3, add, rotate, sub};
+use dynamics::tree::{Model, ModelParts};
 use std::f64::consts::PI;
 
 /// m.

@@ -42,9 +42,9 @@ use super::declare::Loss;
 use super::reward::pseudo_huber;
 use super::start::{ANY_YAW, Draw, Drawn, START_TILT, Start, eased};
 use super::task::View;
-use crate::autodiff::{Scalar, Trace, safe};
-use crate::dynamics::spatial::{Quat, Vec3};
 use crate::settings;
+use autodiff::{Scalar, Trace, safe};
+use dynamics::spatial::{Quat, Vec3};
 
 settings! {
     /// Attitudes that episodes start with.
@@ -223,24 +223,24 @@ pub(crate) fn latch<S: Scalar>(flag: S, now: S::Mask) -> S {
 /// What a task is built with: robot, horizon and settings, from the fields that hold them.
 macro_rules! made_of {
     ($own:ident: $robot:expr, $settings:expr) => {
-        fn robot(&$own) -> &crate::tasks::Robot {
+        fn robot(&$own) -> &crate::Robot {
             &$robot
         }
         fn horizon(&$own) -> usize {
             $settings.horizon
         }
-        fn settings(&$own) -> Vec<crate::tasks::Setting> {
-            crate::tasks::Settings::list(&$settings)
+        fn settings(&$own) -> Vec<crate::Setting> {
+            crate::Settings::list(&$settings)
         }
     };
 }
 pub(crate) use made_of;
 
-/// Episodes that begin on the host: [`HostStart`](crate::tasks::HostStart).
+/// Episodes that begin on the host: [`HostStart`](crate::HostStart).
 macro_rules! starts_on_host {
     () => {
-        fn start(&self, _: &mut crate::tasks::Start<'_>) {}
-        fn start_on_host(&self) -> Option<&dyn crate::tasks::HostStart> {
+        fn start(&self, _: &mut crate::Start<'_>) {}
+        fn start_on_host(&self) -> Option<&dyn crate::HostStart> {
             Some(self)
         }
     };
@@ -251,11 +251,11 @@ pub(crate) use starts_on_host;
 /// while: what is asked and what is said of it.
 macro_rules! succeeds_within {
     ($own:ident, $view:ident: $error:expr, $limit:expr $(, $metric:literal: $aligned:expr, $least:expr)* $(; held $held:expr)?) => {
-        fn success(&$own, $view: &$crate::tasks::View<'_>) -> $crate::autodiff::TraceMask {
-            crate::tasks::suite::nearer($error, $limit)$(.and(crate::tasks::suite::more($aligned, $least)))*
+        fn success(&$own, $view: &$crate::View<'_>) -> autodiff::TraceMask {
+            crate::suite::nearer($error, $limit)$(.and(crate::suite::more($aligned, $least)))*
         }
-        fn success_rule(&$own) -> crate::tasks::Success {
-            crate::tasks::Success::below("position_error", $limit)$(.above($metric, $least))*$(.held($held))?
+        fn success_rule(&$own) -> crate::Success {
+            crate::Success::below("position_error", $limit)$(.above($metric, $least))*$(.held($held))?
         }
     };
 }
@@ -264,11 +264,11 @@ pub(crate) use succeeds_within;
 /// A success in any step by a flag of the task state and an error within a limit.
 macro_rules! succeeds_once {
     ($own:ident, $view:ident: $flag:expr, $limit:expr $(, $metric:literal: $least:expr)* $(; $also:expr)?) => {
-        fn success(&$own, $view: &$crate::tasks::View<'_>) -> $crate::autodiff::TraceMask {
-            crate::tasks::suite::more($flag, 0.5)
+        fn success(&$own, $view: &$crate::View<'_>) -> autodiff::TraceMask {
+            crate::suite::more($flag, 0.5)
         }
-        fn success_rule(&$own) -> crate::tasks::Success {
-            crate::tasks::Success::below("position_error", $limit)$(.above($metric, $least))*$(.also($also))?.once()
+        fn success_rule(&$own) -> crate::Success {
+            crate::Success::below("position_error", $limit)$(.above($metric, $least))*$(.also($also))?.once()
         }
     };
 }

@@ -10,25 +10,25 @@
 //! a team with what it holds: its thin bars are thinner than the way on which a vehicle's share of k would stop it. Ours.
 
 use super::{eased, times};
-use crate::autodiff::{Mask, Scalar, Trace};
-use crate::dynamics::assembly::{Member, rod};
-use crate::dynamics::configurations::environment;
-use crate::dynamics::contact::ContactMaterial;
-use crate::dynamics::contact::distance::to_capsule;
-use crate::dynamics::frame::{FRAME, Frame};
-use crate::dynamics::scene::{FAR, Obstacle, Scene};
-use crate::dynamics::shape::{Geometry, Pose, Shape};
-use crate::dynamics::spatial::Vec3;
-use crate::dynamics::tree::parameters::static_parameters;
-use crate::dynamics::tree::{BodyShape, Model, ModelParts};
-use crate::dynamics::{Effects, Physics, Vehicle};
-use crate::error::Result;
+use crate::config::EnvConfig;
+use crate::declare::Writer;
+use crate::robot::Robot;
 use crate::settings;
-use crate::tasks::config::EnvConfig;
-use crate::tasks::declare::Writer;
-use crate::tasks::robot::Robot;
-use crate::tasks::start::{Drawn, Start};
-use crate::tasks::task::View;
+use crate::start::{Drawn, Start};
+use crate::task::View;
+use autodiff::{Mask, Scalar, Trace};
+use base::error::Result;
+use dynamics::assembly::{Member, rod};
+use dynamics::configurations::environment;
+use dynamics::contact::ContactMaterial;
+use dynamics::contact::distance::to_capsule;
+use dynamics::frame::{FRAME, Frame};
+use dynamics::scene::{FAR, Obstacle, Scene};
+use dynamics::shape::{Geometry, Pose, Shape};
+use dynamics::spatial::Vec3;
+use dynamics::tree::parameters::static_parameters;
+use dynamics::tree::{BodyShape, Model, ModelParts};
+use dynamics::{Effects, Physics, Vehicle};
 
 /// Longest substep that resolves the material, s.
 const SUBSTEP: f64 = 0.004;

@@ -2,22 +2,22 @@
 
 use super::team::{LoadNames, TeamSettings, mean_throttle_difference, squared_sum};
 use super::{PoseLoss, PoseReward, rate_cost, speed_cost, squared, times};
-use crate::autodiff::{Array, Scalar, Trace, safe};
-use crate::controllers::reference::Tilt;
-use crate::dynamics::Vehicle;
-use crate::dynamics::configurations::{PER_DEGREE, Platform};
-use crate::dynamics::frame::Frame;
-use crate::dynamics::spatial::{Quat, Vec3, constants, cross, dot, from_euler, from_matrix, rotate, sub, to_euler};
-use crate::dynamics::tree::Model;
-use crate::error::{Error, Result};
+use crate::config::EnvConfig;
+use crate::declare::{Loss, Writer};
+use crate::reward::{rational_kernel, smooth_norm};
+use crate::robot::Robot;
 use crate::settings;
-use crate::tasks::config::EnvConfig;
-use crate::tasks::declare::{Loss, Writer};
-use crate::tasks::reward::{rational_kernel, smooth_norm};
-use crate::tasks::robot::Robot;
-use crate::tasks::start::{ANY_YAW, Drawn, START_TILT, Start};
-use crate::tasks::task::{TaskReference, View};
-use crate::tasks::task_spec::Smoothness;
+use crate::start::{ANY_YAW, Drawn, START_TILT, Start};
+use crate::task::{TaskReference, View};
+use crate::task_spec::Smoothness;
+use autodiff::{Array, Scalar, Trace, safe};
+use base::error::{Error, Result};
+use controllers::reference::Tilt;
+use dynamics::Vehicle;
+use dynamics::configurations::{PER_DEGREE, Platform};
+use dynamics::frame::Frame;
+use dynamics::spatial::{Quat, Vec3, constants, cross, dot, from_euler, from_matrix, rotate, sub, to_euler};
+use dynamics::tree::Model;
 
 /// The frame: the root of the model.
 pub(crate) const FRAME_BODY: usize = 0;

@@ -16,21 +16,21 @@ use super::{
     PoseReward, PoseSuccess, StartAttitude, StartRange, along_the_course, eased, less, made_of, more, nearer, squared,
     starts_on_host, succeeds_once, times,
 };
-use crate::autodiff::{Array, Mask, Scalar, Trace, safe};
-use crate::dynamics::assembly::rod;
-use crate::dynamics::scene::{Obstacle, Scene};
-use crate::dynamics::shape::Pose;
-use crate::dynamics::spatial::Vec3;
-use crate::dynamics::tree::parameters::static_parameters;
-use crate::error::Result;
+use crate::config::EnvConfig;
+use crate::declare::{Ends, Loss, Writer};
+use crate::reward::rational_kernel;
+use crate::robot::Robot;
 use crate::settings;
-use crate::tasks::config::EnvConfig;
-use crate::tasks::declare::{Ends, Loss, Writer};
-use crate::tasks::reward::rational_kernel;
-use crate::tasks::robot::Robot;
-use crate::tasks::start::{Drawn, Start};
-use crate::tasks::task::{BuiltIn, HostStart, Task, View};
-use crate::tasks::task_spec::Smoothness;
+use crate::start::{Drawn, Start};
+use crate::task::{BuiltIn, HostStart, Task, View};
+use crate::task_spec::Smoothness;
+use autodiff::{Array, Mask, Scalar, Trace, safe};
+use base::error::Result;
+use dynamics::assembly::rod;
+use dynamics::scene::{Obstacle, Scene};
+use dynamics::shape::Pose;
+use dynamics::spatial::Vec3;
+use dynamics::tree::parameters::static_parameters;
 use std::f64::consts::PI;
 
 /// Poles at x = 0 and these multiples of their spacing along y.

@@ -8,18 +8,18 @@
 use super::over::*;
 use super::team::{TeamSettings, lowest, observe_load, observes_team};
 use super::{PoseLoss, PoseReward, PoseSuccess, StartRange, farther, less, made_of, succeeds_within};
-use crate::autodiff::{Array, Mask, Scalar};
-use crate::dynamics::frame::Frame;
-use crate::dynamics::spatial::constants;
-use crate::error::Result;
+use crate::config::EnvConfig;
+use crate::declare::{Ends, Loss, Writer};
+use crate::reward::exponential_kernel;
+use crate::robot::Robot;
 use crate::settings;
-use crate::tasks::config::EnvConfig;
-use crate::tasks::declare::{Ends, Loss, Writer};
-use crate::tasks::reward::exponential_kernel;
-use crate::tasks::robot::Robot;
-use crate::tasks::start::Start;
-use crate::tasks::task::{BuiltIn, Task, TaskReference, View};
-use crate::tasks::task_spec::Smoothness;
+use crate::start::Start;
+use crate::task::{BuiltIn, Task, TaskReference, View};
+use crate::task_spec::Smoothness;
+use autodiff::{Array, Mask, Scalar};
+use base::error::Result;
+use dynamics::frame::Frame;
+use dynamics::spatial::constants;
 
 /// Where starts are.
 fn start_range() -> StartRange {

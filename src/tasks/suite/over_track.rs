@@ -8,18 +8,18 @@ use super::team::{TeamSettings, lowest, observe_load, observes_team};
 use super::{
     PathSuccess, PoseLoss, PoseReward, StartAttitude, less, made_of, rate_cost, speed_cost, squared, succeeds_within,
 };
-use crate::autodiff::{Array, Mask, Scalar, Trace, safe};
-use crate::dynamics::spatial::{Vec3, dot, sub};
-use crate::error::Result;
+use crate::config::EnvConfig;
+use crate::declare::{Ends, Loss, Writer};
+use crate::reward::{exponential_kernel, smooth_norm};
+use crate::robot::Robot;
 use crate::settings;
-use crate::tasks::config::EnvConfig;
-use crate::tasks::declare::{Ends, Loss, Writer};
-use crate::tasks::reward::{exponential_kernel, smooth_norm};
-use crate::tasks::robot::Robot;
-use crate::tasks::start::Start;
-use crate::tasks::task::{BuiltIn, Task, TaskReference, View};
-use crate::tasks::task_spec::Smoothness;
-use crate::tasks::track_path::{Follow, PATH, PathRange, TrackPath, about_path};
+use crate::start::Start;
+use crate::task::{BuiltIn, Task, TaskReference, View};
+use crate::task_spec::Smoothness;
+use crate::track_path::{Follow, PATH, PathRange, TrackPath, about_path};
+use autodiff::{Array, Mask, Scalar, Trace, safe};
+use base::error::Result;
+use dynamics::spatial::{Vec3, dot, sub};
 
 /// The path of a heavy team.
 pub(super) fn wide_path() -> PathRange {

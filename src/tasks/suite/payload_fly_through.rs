@@ -11,15 +11,15 @@
 use super::load::{LOAD, LoadCourse, LoadCourseSettings, Side, hold_loss};
 use super::obstacles::{BARS, NEARNESS, free, nearness, touches, where_on};
 use super::{PoseReward, StartRange, ease_of_flight, less, made_of, more, nearer, succeeds_once, times};
-use crate::autodiff::{Array, Scalar, Trace, safe};
-use crate::dynamics::spatial::{Vec3, sub};
-use crate::error::Result;
+use crate::config::EnvConfig;
+use crate::declare::{Ends, Loss, Writer};
+use crate::reward::{exponential_kernel, rational_kernel, still, upright};
 use crate::settings;
-use crate::tasks::config::EnvConfig;
-use crate::tasks::declare::{Ends, Loss, Writer};
-use crate::tasks::reward::{exponential_kernel, rational_kernel, still, upright};
-use crate::tasks::start::Start;
-use crate::tasks::task::{BuiltIn, Task, View};
+use crate::start::Start;
+use crate::task::{BuiltIn, Task, View};
+use autodiff::{Array, Scalar, Trace, safe};
+use base::error::Result;
+use dynamics::spatial::{Vec3, sub};
 
 /// Place of q_t in the goal.
 const TARGET: usize = LOAD + BARS;

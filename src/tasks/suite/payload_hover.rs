@@ -10,16 +10,16 @@
 use super::load::{LOAD, Load, LoadSettings, Side, hold_loss};
 use super::track::calm_pose;
 use super::{MotionLoss, PoseReward, StartAttitude, StartRange, less, made_of};
-use crate::autodiff::{Array, Mask, Scalar, Trace, TraceMask, safe};
-use crate::dynamics::spatial::{Vec3, constants, scale, sub};
-use crate::error::Result;
+use crate::config::EnvConfig;
+use crate::declare::{Ends, Loss, Writer};
+use crate::reward::exponential_kernel;
 use crate::settings;
-use crate::tasks::config::EnvConfig;
-use crate::tasks::declare::{Ends, Loss, Writer};
-use crate::tasks::reward::exponential_kernel;
-use crate::tasks::start::{Draws, Start};
-use crate::tasks::task::{BuiltIn, Task, TaskReference, View};
-use crate::tasks::task_spec::Success;
+use crate::start::{Draws, Start};
+use crate::task::{BuiltIn, Task, TaskReference, View};
+use crate::task_spec::Success;
+use autodiff::{Array, Mask, Scalar, Trace, TraceMask, safe};
+use base::error::Result;
+use dynamics::spatial::{Vec3, constants, scale, sub};
 use std::f64::consts::PI;
 
 /// Places of the step of the last push and of its kick in the goal.

@@ -9,15 +9,15 @@
 use super::load::{LoadTrack, LoadTrackSettings, Side};
 use super::track::calm_pose;
 use super::{PoseReward, less, made_of, succeeds_within};
-use crate::autodiff::safe;
-use crate::error::Result;
+use crate::config::EnvConfig;
+use crate::declare::{Ends, Loss, Writer};
+use crate::reward::exponential_kernel;
 use crate::settings;
-use crate::tasks::config::EnvConfig;
-use crate::tasks::declare::{Ends, Loss, Writer};
-use crate::tasks::reward::exponential_kernel;
-use crate::tasks::start::Start;
-use crate::tasks::task::{BuiltIn, Task, TaskReference, View};
-use crate::tasks::track_path::about_path;
+use crate::start::Start;
+use crate::task::{BuiltIn, Task, TaskReference, View};
+use crate::track_path::about_path;
+use autodiff::safe;
+use base::error::Result;
 
 settings! {
     /// Settings of [`PayloadTrack`].

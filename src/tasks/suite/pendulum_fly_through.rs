@@ -10,15 +10,15 @@
 use super::load::{BalanceReward, DRAWN_BAR, LoadCourse, LoadCourseSettings, LoadSettings, Side, hold_loss, leaning};
 use super::obstacles::{BarsSettings, NEARNESS, free, nearness, touches, where_on};
 use super::{MotionLoss, StartAttitude, StartRange, ease_of_flight, less, made_of, more, nearer, succeeds_once, times};
-use crate::autodiff::{Scalar, Trace, safe};
-use crate::dynamics::spatial::{Vec3, constants, sub};
-use crate::error::Result;
+use crate::config::EnvConfig;
+use crate::declare::{Ends, Loss, Writer};
+use crate::reward::{exponential_kernel, still};
 use crate::settings;
-use crate::tasks::config::EnvConfig;
-use crate::tasks::declare::{Ends, Loss, Writer};
-use crate::tasks::reward::{exponential_kernel, still};
-use crate::tasks::start::Start;
-use crate::tasks::task::{BuiltIn, Task, View};
+use crate::start::Start;
+use crate::task::{BuiltIn, Task, View};
+use autodiff::{Scalar, Trace, safe};
+use base::error::Result;
+use dynamics::spatial::{Vec3, constants, sub};
 use std::f64::consts::PI;
 
 /// What both fly-through tasks have, with the numbers of this one.

@@ -10,15 +10,15 @@ use super::load::{BalanceReward, DRAWN_BAR, LOAD, Load, LoadSettings, Side, hold
 use super::{
     MotionLoss, StartAttitude, StartRange, ease_of_flight, eased, less, made_of, nearer, succeeds_within, times,
 };
-use crate::autodiff::{Scalar, safe};
-use crate::dynamics::spatial::{Vec3, constants, sub};
-use crate::error::Result;
+use crate::config::EnvConfig;
+use crate::declare::{Ends, Loss, Writer};
+use crate::reward::{exponential_kernel, still};
 use crate::settings;
-use crate::tasks::config::EnvConfig;
-use crate::tasks::declare::{Ends, Loss, Writer};
-use crate::tasks::reward::{exponential_kernel, still};
-use crate::tasks::start::Start;
-use crate::tasks::task::{BuiltIn, Task, TaskReference, View};
+use crate::start::Start;
+use crate::task::{BuiltIn, Task, TaskReference, View};
+use autodiff::{Scalar, safe};
+use base::error::Result;
+use dynamics::spatial::{Vec3, constants, sub};
 use std::f64::consts::PI;
 
 /// Place of the distance in the goal beyond which the episode ends.

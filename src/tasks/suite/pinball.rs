@@ -9,25 +9,25 @@
 //! - DIFFERENCE: restitution is that of Hunt and Crossley's law, 0.8 at 5 m/s and more below.
 
 use super::{StartAttitude, StartRange, less, made_of, more, rate_cost, speed_cost, squared, times};
-use crate::autodiff::{Mask, Scalar, Trace, TraceMask, safe};
-use crate::dynamics::assembly::{Assembly, Member, Solid, single};
-use crate::dynamics::configurations::environment;
-use crate::dynamics::contact::ContactMaterial;
-use crate::dynamics::frame::Frame;
-use crate::dynamics::scene::Scene;
-use crate::dynamics::shape::{Geometry, Shape};
-use crate::dynamics::spatial::{Vec3, constants, sub};
-use crate::dynamics::tree::Model;
-use crate::dynamics::vehicle::{GRAVITY, Vehicle};
-use crate::error::Result;
+use crate::config::EnvConfig;
+use crate::declare::{Ends, Loss, Writer};
+use crate::reward::{pseudo_huber, smooth_norm};
+use crate::robot::{Inertial, Robot};
 use crate::settings;
-use crate::tasks::config::EnvConfig;
-use crate::tasks::declare::{Ends, Loss, Writer};
-use crate::tasks::reward::{pseudo_huber, smooth_norm};
-use crate::tasks::robot::{Inertial, Robot};
-use crate::tasks::start::Start;
-use crate::tasks::task::{BuiltIn, Task, View};
-use crate::tasks::task_spec::Success;
+use crate::start::Start;
+use crate::task::{BuiltIn, Task, View};
+use crate::task_spec::Success;
+use autodiff::{Mask, Scalar, Trace, TraceMask, safe};
+use base::error::Result;
+use dynamics::assembly::{Assembly, Member, Solid, single};
+use dynamics::configurations::environment;
+use dynamics::contact::ContactMaterial;
+use dynamics::frame::Frame;
+use dynamics::scene::Scene;
+use dynamics::shape::{Geometry, Shape};
+use dynamics::spatial::{Vec3, constants, sub};
+use dynamics::tree::Model;
+use dynamics::vehicle::{GRAVITY, Vehicle};
 use std::f64::consts::PI;
 
 /// Of the ball, m.

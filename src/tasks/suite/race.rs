@@ -18,20 +18,20 @@
 
 use super::obstacles::{Ball, balls};
 use super::{StartAttitude, eased, less, made_of, more, narrowed, rate_cost, speed_cost, squared, times};
-use crate::autodiff::{Array, Mask, Scalar, Trace, TraceMask, safe};
-use crate::controllers::reference::{Reference, Waypoint, Waypoints};
-use crate::dynamics::scene::{FAR, Gate, Scene};
-use crate::dynamics::shape::Pose;
-use crate::dynamics::spatial::{Quat, Vec3, constants, dot, from_euler, rotate, scale, sub};
-use crate::error::{Error, Result};
+use crate::config::EnvConfig;
+use crate::declare::{Ends, Loss, Writer};
+use crate::reward::{still, upright};
+use crate::robot::Robot;
 use crate::settings;
-use crate::tasks::config::EnvConfig;
-use crate::tasks::declare::{Ends, Loss, Writer};
-use crate::tasks::reward::{still, upright};
-use crate::tasks::robot::Robot;
-use crate::tasks::start::{Draw, Start};
-use crate::tasks::task::{BuiltIn, Task, TaskReference, View};
-use crate::tasks::task_spec::Success;
+use crate::start::{Draw, Start};
+use crate::task::{BuiltIn, Task, TaskReference, View};
+use crate::task_spec::Success;
+use autodiff::{Array, Mask, Scalar, Trace, TraceMask, safe};
+use base::error::{Error, Result};
+use controllers::reference::{Reference, Waypoint, Waypoints};
+use dynamics::scene::{FAR, Gate, Scene};
+use dynamics::shape::Pose;
+use dynamics::spatial::{Quat, Vec3, constants, dot, from_euler, rotate, scale, sub};
 
 /// Fewest and most gates of a course: a controller's path has two points per gate.
 const GATES: [usize; 2] = [2, 30];

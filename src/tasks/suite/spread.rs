@@ -12,19 +12,19 @@ use super::team::{
     CROWD, TeamSettings, crowded, free_team, lowest, mean_throttle_difference, observe_others, squared_separation,
 };
 use super::{MotionLoss, less, made_of, more, rate_cost, speed_cost, starts_on_host, times};
-use crate::autodiff::{Array, Scalar, Trace, TraceMask, safe};
-use crate::controllers::reference::{Reference, Tilt, Waypoint, Waypoints};
-use crate::dynamics::spatial::{Vec3, constants, sub};
-use crate::error::{Error, Result};
-use crate::rng::{Purpose, Stream};
+use crate::config::EnvConfig;
+use crate::declare::{Ends, Goal, Loss, Writer};
+use crate::reward::{rational_kernel, smooth_norm};
+use crate::robot::Robot;
 use crate::settings;
-use crate::tasks::config::EnvConfig;
-use crate::tasks::declare::{Ends, Goal, Loss, Writer};
-use crate::tasks::reward::{rational_kernel, smooth_norm};
-use crate::tasks::robot::Robot;
-use crate::tasks::start::{Drawn, Start};
-use crate::tasks::task::{BuiltIn, HostStart, Task, TaskReference, View};
-use crate::tasks::task_spec::Success;
+use crate::start::{Drawn, Start};
+use crate::task::{BuiltIn, HostStart, Task, TaskReference, View};
+use crate::task_spec::Success;
+use autodiff::{Array, Scalar, Trace, TraceMask, safe};
+use base::error::{Error, Result};
+use controllers::reference::{Reference, Tilt, Waypoint, Waypoints};
+use dynamics::spatial::{Vec3, constants, sub};
+use rng::{Purpose, Stream};
 
 /// When our controllers have every drone at its target, s.
 const ARRIVAL: f64 = 3.5;

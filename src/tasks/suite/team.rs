@@ -1,17 +1,17 @@
 //! What the tasks of several drones share: who sees whom, how far apart they are, what they carry.
 
 use super::{PoseLoss, more, times};
-use crate::autodiff::{Mask, Scalar, Trace, TraceMask, safe};
-use crate::dynamics::Vehicle;
-use crate::dynamics::assembly::{Member, group, single};
-use crate::dynamics::frame::Frame;
-use crate::dynamics::spatial::{Vec3, sub};
-use crate::error::Result;
+use crate::config::EnvConfig;
+use crate::declare::Writer;
+use crate::robot::Robot;
 use crate::settings;
-use crate::tasks::config::EnvConfig;
-use crate::tasks::declare::Writer;
-use crate::tasks::robot::Robot;
-use crate::tasks::task::View;
+use crate::task::View;
+use autodiff::{Mask, Scalar, Trace, TraceMask, safe};
+use base::error::Result;
+use dynamics::Vehicle;
+use dynamics::assembly::{Member, group, single};
+use dynamics::frame::Frame;
+use dynamics::spatial::{Vec3, sub};
 
 settings! {
     /// Who flies, and for how long.
@@ -200,12 +200,12 @@ pub fn clearance<S: Scalar>(view: &View<'_, S>) -> S {
 macro_rules! observes_team {
     ($own:ident, $body:expr, $distance:expr) => {
         fn observe(&$own, view: &View, agent: usize, out: &mut Writer) {
-            crate::tasks::suite::team::observe_own(view, agent, view.frame($body).position, out);
-            crate::tasks::suite::team::observe_others(view, agent, $distance, out);
+            crate::suite::team::observe_own(view, agent, view.frame($body).position, out);
+            crate::suite::team::observe_others(view, agent, $distance, out);
             $own.observe_shared(view, out);
         }
         fn central(&$own, view: &View, out: &mut Writer) {
-            crate::tasks::suite::team::observe_drones(view, view.frame($body).position, out);
+            crate::suite::team::observe_drones(view, view.frame($body).position, out);
             $own.observe_shared(view, out);
         }
     };

@@ -3,15 +3,15 @@
 use super::load::{Load, LoadSettings, Side};
 use super::transport_hover::TransportHover;
 use super::*;
-use crate::autodiff::{Scalar, Trace};
-use crate::dynamics::contact::distance;
-use crate::dynamics::shape::{Geometry, Pose, Shape};
-use crate::tasks::any_task::{Snapshot, declare};
-use crate::tasks::env::begin::Draft;
-use crate::tasks::robot::{Inertial, Robot};
-use crate::tasks::task::BuiltIn;
-use crate::tasks::task_spec::total;
-use crate::tasks::{Ends, EnvConfig, Task, View, Writer};
+use crate::any_task::{Snapshot, declare};
+use crate::env::begin::Draft;
+use crate::robot::{Inertial, Robot};
+use crate::task::BuiltIn;
+use crate::task_spec::total;
+use crate::{Ends, EnvConfig, Task, View, Writer};
+use autodiff::{Scalar, Trace};
+use dynamics::contact::distance;
+use dynamics::shape::{Geometry, Pose, Shape};
 
 fn config(n_env: usize, task: &str) -> EnvConfig {
     EnvConfig { n_env, task: toml::from_str(task).unwrap(), ..EnvConfig::default() }

@@ -10,17 +10,17 @@ use super::{
     MotionLoss, PathSuccess, PoseReward, StartAttitude, drive_loss, ease_of_flight, less, made_of, rate_cost,
     speed_cost, succeeds_within, times,
 };
-use crate::autodiff::{Scalar, Trace, safe};
-use crate::dynamics::spatial::{Vec3, sub};
-use crate::error::Result;
+use crate::config::EnvConfig;
+use crate::declare::{Ends, Loss, Writer};
+use crate::reward::{exponential_kernel, rational_kernel, smooth_norm, still};
+use crate::robot::Robot;
 use crate::settings;
-use crate::tasks::config::EnvConfig;
-use crate::tasks::declare::{Ends, Loss, Writer};
-use crate::tasks::reward::{exponential_kernel, rational_kernel, smooth_norm, still};
-use crate::tasks::robot::Robot;
-use crate::tasks::start::Start;
-use crate::tasks::task::{BuiltIn, Task, TaskReference, View};
-use crate::tasks::track_path::{Follow, TrackPath, about_path};
+use crate::start::Start;
+use crate::task::{BuiltIn, Task, TaskReference, View};
+use crate::track_path::{Follow, TrackPath, about_path};
+use autodiff::{Scalar, Trace, safe};
+use base::error::Result;
+use dynamics::spatial::{Vec3, sub};
 
 settings! {
     /// Settings of [`Track`].

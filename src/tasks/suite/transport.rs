@@ -2,20 +2,20 @@
 
 use super::team::{CROWD, LoadNames, TeamSettings, apart, crowded, squared_sum, team_mass};
 use super::{PoseLoss, rate_cost, speed_cost, squared, times};
-use crate::autodiff::{Scalar, Trace};
-use crate::dynamics::configurations::{Configuration, Transport, TransportMap};
-use crate::dynamics::contact::distance::plane_distance;
-use crate::dynamics::shape::{Geometry, Pose};
-use crate::dynamics::spatial::{Vec3, constants, sub};
-use crate::dynamics::{Effects, Integrator, Physics, Vehicle};
-use crate::error::{Error, Result};
+use crate::config::EnvConfig;
+use crate::declare::{Loss, Writer};
+use crate::reward::{pseudo_huber, smooth_norm, upright};
+use crate::robot::{Inertial, Robot};
 use crate::settings;
-use crate::tasks::config::EnvConfig;
-use crate::tasks::declare::{Loss, Writer};
-use crate::tasks::reward::{pseudo_huber, smooth_norm, upright};
-use crate::tasks::robot::{Inertial, Robot};
-use crate::tasks::start::{Drawn, Start};
-use crate::tasks::task::View;
+use crate::start::{Drawn, Start};
+use crate::task::View;
+use autodiff::{Scalar, Trace};
+use base::error::{Error, Result};
+use dynamics::configurations::{Configuration, Transport, TransportMap};
+use dynamics::contact::distance::plane_distance;
+use dynamics::shape::{Geometry, Pose};
+use dynamics::spatial::{Vec3, constants, sub};
+use dynamics::{Effects, Integrator, Physics, Vehicle};
 
 /// The box: the root of the model.
 pub const BOX: usize = 0;

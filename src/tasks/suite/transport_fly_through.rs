@@ -21,17 +21,17 @@ use super::transport::{
 use super::{
     StartAttitude, StartRange, along_the_course, less, made_of, more, nearer, starts_on_host, succeeds_once, times,
 };
-use crate::autodiff::{Array, Scalar, Trace, safe};
-use crate::dynamics::shape::Pose;
-use crate::dynamics::spatial::{Vec3, sub};
-use crate::error::Result;
+use crate::config::EnvConfig;
+use crate::declare::{Ends, Loss, Writer};
+use crate::reward::{exponential_kernel, upright};
+use crate::robot::Robot;
 use crate::settings;
-use crate::tasks::config::EnvConfig;
-use crate::tasks::declare::{Ends, Loss, Writer};
-use crate::tasks::reward::{exponential_kernel, upright};
-use crate::tasks::robot::Robot;
-use crate::tasks::start::{Drawn, Start};
-use crate::tasks::task::{BuiltIn, HostStart, Task, View};
+use crate::start::{Drawn, Start};
+use crate::task::{BuiltIn, HostStart, Task, View};
+use autodiff::{Array, Scalar, Trace, safe};
+use base::error::Result;
+use dynamics::shape::Pose;
+use dynamics::spatial::{Vec3, sub};
 use std::f64::consts::FRAC_PI_2;
 
 /// Starts on the way are no nearer to the beams with the middle of the box, m: half its length and more.

@@ -14,16 +14,16 @@ use super::transport::{
     BOX, BOX_NAMES, GroupLoss, GroupSettings, Load, SteadyReward, TO_TARGET, free_robot, group_loss, steady,
 };
 use super::{PoseSuccess, StartAttitude, StartRange, less, made_of, squared, succeeds_within};
-use crate::autodiff::{Array, Mask, Scalar, Trace, safe};
-use crate::dynamics::spatial::{Vec3, constants, dot, sub, yawed};
-use crate::error::Result;
+use crate::config::EnvConfig;
+use crate::declare::{Ends, Loss, Writer};
+use crate::reward::{both, exponential_kernel};
+use crate::robot::Robot;
 use crate::settings;
-use crate::tasks::config::EnvConfig;
-use crate::tasks::declare::{Ends, Loss, Writer};
-use crate::tasks::reward::{both, exponential_kernel};
-use crate::tasks::robot::Robot;
-use crate::tasks::start::{ANY_YAW, Start};
-use crate::tasks::task::{BuiltIn, Task, TaskReference, View};
+use crate::start::{ANY_YAW, Start};
+use crate::task::{BuiltIn, Task, TaskReference, View};
+use autodiff::{Array, Mask, Scalar, Trace, safe};
+use base::error::Result;
+use dynamics::spatial::{Vec3, constants, dot, sub, yawed};
 
 /// Where starts are.
 fn start_range() -> StartRange {

@@ -13,17 +13,17 @@ use super::transport::{
     BOX, BOX_NAMES, CarryReward, GroupLoss, GroupSettings, Load, SteadyReward, free_robot, group_loss, steady,
 };
 use super::{PathSuccess, StartAttitude, less, made_of, succeeds_within};
-use crate::autodiff::{Scalar, safe};
-use crate::dynamics::spatial::{Vec3, sub};
-use crate::error::Result;
+use crate::config::EnvConfig;
+use crate::declare::{Ends, Loss, Writer};
+use crate::reward::exponential_kernel;
+use crate::robot::Robot;
 use crate::settings;
-use crate::tasks::config::EnvConfig;
-use crate::tasks::declare::{Ends, Loss, Writer};
-use crate::tasks::reward::exponential_kernel;
-use crate::tasks::robot::Robot;
-use crate::tasks::start::Start;
-use crate::tasks::task::{BuiltIn, Task, TaskReference, View};
-use crate::tasks::track_path::{Follow, TrackPath, about_path};
+use crate::start::Start;
+use crate::task::{BuiltIn, Task, TaskReference, View};
+use crate::track_path::{Follow, TrackPath, about_path};
+use autodiff::{Scalar, safe};
+use base::error::Result;
+use dynamics::spatial::{Vec3, sub};
 
 /// Weights of this task.
 fn reward() -> SteadyReward {

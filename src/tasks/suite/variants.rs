@@ -21,7 +21,7 @@
 //! - DIFFERENCE: rotors start at the speeds that carry the nominal mass; published ones at those of the drawn mass and thrust.
 //! - DIFFERENCE: TrackRand keeps the clock in its observation, and a drone's mass through its episode.
 
-/// Defaults of a variant, as TOML of an [`EnvConfig`](crate::tasks::EnvConfig), and what it has of its own, in words.
+/// Defaults of a variant, as TOML of an [`EnvConfig`](crate::EnvConfig), and what it has of its own, in words.
 pub type Variant = (&'static str, &'static str);
 
 const OMAV: &str = "The drone is the Omav: twelve rotors in six units, whose drives tilt them.";

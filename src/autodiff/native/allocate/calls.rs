@@ -1,9 +1,9 @@
 //! Calls: registers are the callee's, and tapes stay where they are.
 
 use super::{Allocator, N_MASK, NEVER, NOBODY};
-use crate::autodiff::native::instruction::*;
-use crate::autodiff::native::lower::{Callee, Do, Lowered};
-use crate::autodiff::program::Tape;
+use crate::native::instruction::*;
+use crate::native::lower::{Callee, Do, Lowered};
+use crate::program::Tape;
 use std::collections::HashMap;
 
 /// The functions of a program, by their numbers.

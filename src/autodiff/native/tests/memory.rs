@@ -3,8 +3,8 @@
 use super::super::lower::Element;
 use super::super::memory::{process, with_modes};
 use super::*;
-use crate::autodiff::{Recording, Scalar, Trace};
-use crate::error::Error;
+use crate::{Recording, Scalar, Trace};
+use base::error::Error;
 use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering};
 

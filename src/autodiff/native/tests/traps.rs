@@ -4,8 +4,8 @@ use super::super::allocate::allocate;
 use super::super::instruction::{Allocated, Instruction as Placed, TapeAt, Target};
 use super::super::lower::{Do, Element, lower};
 use super::*;
-use crate::autodiff::scalar::Scalar;
-use crate::autodiff::trace::{Recording, Trace};
+use crate::scalar::Scalar;
+use crate::trace::{Recording, Trace};
 
 fn step(first: u32, op: Op, operands: [u32; 4]) -> Instruction {
     Instruction { action: Action::Op(op, operands.map(Value)), first: Value(first) }

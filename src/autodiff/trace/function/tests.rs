@@ -1,9 +1,9 @@
 use super::*;
-use crate::autodiff::custom::{CustomFunction, Operation};
-use crate::autodiff::program::Program;
-use crate::autodiff::scalar::Scalar;
-use crate::rng::{Purpose, Stream};
+use crate::custom::{CustomFunction, Operation};
+use crate::program::Program;
+use crate::scalar::Scalar;
 use num_dual::{Dual64, HyperDual64};
+use rng::{Purpose, Stream};
 
 /// x → (x₀ x₁, sin x₁).
 struct Mixed;

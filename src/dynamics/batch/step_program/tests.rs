@@ -1,10 +1,10 @@
 use super::*;
-use crate::autodiff::lanes::{Set, with_set};
-use crate::dynamics::batch::Plant;
-use crate::dynamics::batch::kernel::ALIVE;
-use crate::dynamics::batch::plant::Rows;
-use crate::dynamics::{Effects, Integrator, Physics, configurations, vehicles};
-use crate::rng::{Purpose, Stream};
+use crate::batch::Plant;
+use crate::batch::kernel::ALIVE;
+use crate::batch::plant::Rows;
+use crate::{Effects, Integrator, Physics, configurations, vehicles};
+use autodiff::lanes::{Set, with_set};
+use rng::{Purpose, Stream};
 
 const STEPS: usize = 20;
 /// The environment whose action is no number.

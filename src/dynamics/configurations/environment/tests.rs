@@ -1,15 +1,15 @@
 use super::*;
-use crate::autodiff::certificate::Bounds;
-use crate::autodiff::{System, certify};
-use crate::dynamics::assembly::{Assembly, Solid};
-use crate::dynamics::relief::{Relief, Wave};
-use crate::dynamics::scene::{Forest, Rubble, Terrain};
-use crate::dynamics::shape::Geometry;
-use crate::dynamics::spatial::from_euler;
-use crate::dynamics::tree::free_motion::{energy, run};
-use crate::dynamics::tree::{Multibody, check_contact, check_start, contact_forces, model_parameters, separations};
-use crate::dynamics::{Effects, Integrator, Multirotor, Physics, World, vehicles};
-use crate::rng::{Purpose, Stream};
+use crate::assembly::{Assembly, Solid};
+use crate::relief::{Relief, Wave};
+use crate::scene::{Forest, Rubble, Terrain};
+use crate::shape::Geometry;
+use crate::spatial::from_euler;
+use crate::tree::free_motion::{energy, run};
+use crate::tree::{Multibody, check_contact, check_start, contact_forces, model_parameters, separations};
+use crate::{Effects, Integrator, Multirotor, Physics, World, vehicles};
+use autodiff::certificate::Bounds;
+use autodiff::{System, certify};
+use rng::{Purpose, Stream};
 
 fn scene() -> Scene {
     let gate = |name: &str, x: f64, slide| scene::Gate {

@@ -1,9 +1,9 @@
 //! Two walls along a way with bends.
 
 use super::draw::{block, count, range, stream};
-use crate::dynamics::scene::Scene;
-use crate::dynamics::shape::within;
-use crate::error::{Error, Result};
+use crate::scene::Scene;
+use crate::shape::within;
+use base::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
 /// A corridor: straight pieces joined at bends, a wall on either side, open at both ends.

@@ -1,9 +1,9 @@
 //! Gates along a winding way.
 
 use super::draw::{count, range, stream};
-use crate::dynamics::scene::{Gate, Scene};
-use crate::dynamics::shape::within;
-use crate::error::{Error, Result};
+use crate::scene::{Gate, Scene};
+use crate::shape::within;
+use base::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
 /// A course of gates, to be flown in order along each gate's local x.

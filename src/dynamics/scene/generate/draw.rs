@@ -1,10 +1,10 @@
 //! What all generators draw with, and check.
 
-use crate::dynamics::scene::{MAX_ELEMENTS, Obstacle};
-use crate::dynamics::shape::{Geometry, Shape, within};
-use crate::dynamics::spatial::Vec3;
-use crate::error::{Error, Result};
-use crate::rng::{Purpose, Stream};
+use crate::scene::{MAX_ELEMENTS, Obstacle};
+use crate::shape::{Geometry, Shape, within};
+use crate::spatial::Vec3;
+use base::error::{Error, Result};
+use rng::{Purpose, Stream};
 
 /// What a scene is drawn from.
 pub(super) fn stream(seed: u64) -> Stream {

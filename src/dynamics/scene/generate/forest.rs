@@ -1,10 +1,10 @@
 //! Upright trunks across a corridor, and new places for them in every episode.
 
 use super::draw::{count, range, stream};
-use crate::dynamics::scene::{Obstacle, Scene};
-use crate::dynamics::shape::{Geometry, MAX_SIZE, Shape, within};
-use crate::error::{Error, Result};
-use crate::rng::Stream;
+use crate::scene::{Obstacle, Scene};
+use crate::shape::{Geometry, MAX_SIZE, Shape, within};
+use base::error::{Error, Result};
+use rng::Stream;
 use serde::{Deserialize, Serialize};
 
 /// How far below the ground a trunk lies that does not stand in an episode, m.
@@ -85,6 +85,7 @@ impl Forest {
     /// [`scene`](Self::scene). Allocates nothing.
     ///
     /// ```
+    /// # use omnidrones_dynamics::omnidrones;
     /// use omnidrones::dynamics::scene::Forest;
     /// use omnidrones::rng::{Purpose, Stream};
     /// let forest = Forest::default();

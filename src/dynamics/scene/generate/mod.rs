@@ -29,13 +29,14 @@ pub use rubble::Rubble;
 pub use terrain::Terrain;
 
 use super::Scene;
-use crate::error::{Error, Result};
+use base::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
 /// One kind of scene with its settings; as TOML, a table with `kind = "forest"` and the keys of [`Forest`] that differ
 /// from its defaults.
 ///
 /// ```
+/// # use omnidrones_dynamics::omnidrones;
 /// use omnidrones::dynamics::scene::Generator;
 /// let scene = Generator::parse("forest:3")?.scene()?;
 /// assert_eq!(scene.obstacles.len(), 45);

@@ -1,10 +1,10 @@
 //! Rooms side by side, all of them joined by doors.
 
 use super::draw::{block, count, stream};
-use crate::dynamics::scene::{Obstacle, Scene};
-use crate::dynamics::shape::within;
-use crate::error::{Error, Result};
-use crate::rng::Stream;
+use crate::scene::{Obstacle, Scene};
+use crate::shape::within;
+use base::error::{Error, Result};
+use rng::Stream;
 use serde::{Deserialize, Serialize};
 
 /// Rooms on a grid, the first about the origin, the others towards +x and +y. A random tree of doors joins all of them; of

@@ -1,11 +1,11 @@
 //! Blocks, tilted and half sunk: what is left of a wall.
 
 use super::draw::{count, range, stream};
-use crate::dynamics::contact::plane_distance;
-use crate::dynamics::scene::{Obstacle, Scene};
-use crate::dynamics::shape::{Geometry, MAX_SIZE, Pose, Shape, within};
-use crate::dynamics::spatial::{from_euler, multiply};
-use crate::error::{Error, Result};
+use crate::contact::plane_distance;
+use crate::scene::{Obstacle, Scene};
+use crate::shape::{Geometry, MAX_SIZE, Pose, Shape, within};
+use crate::spatial::{from_euler, multiply};
+use base::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 

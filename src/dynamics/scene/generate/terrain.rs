@@ -1,10 +1,10 @@
 //! Smooth hills and hollows.
 
 use super::draw::{range, stream};
-use crate::dynamics::relief::{Relief, Wave};
-use crate::dynamics::scene::Scene;
-use crate::dynamics::shape::within;
-use crate::error::{Error, Result};
+use crate::relief::{Relief, Wave};
+use crate::scene::Scene;
+use crate::shape::within;
+use base::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 

@@ -6,8 +6,8 @@
 use super::Eye;
 use super::pieces::{Grid, PieceBlock, capsule, cuboid, load, seen, turned};
 use super::world::{self, BoxBlock, CapsuleBlock, LANES, Row, World};
-use crate::autodiff::lanes::Lanes;
-use crate::dynamics::spatial::Vec3;
+use crate::spatial::Vec3;
+use autodiff::lanes::Lanes;
 
 const ZERO: Row = [0.0; LANES];
 

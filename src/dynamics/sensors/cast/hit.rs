@@ -18,9 +18,9 @@
 //! A root of a negative number is no number, and every comparison with it fails: rays that miss need no test of their own.
 
 use super::fused;
-use crate::autodiff::Mask;
-use crate::autodiff::lanes::Lanes;
-use crate::autodiff::unrolled::unrolled;
+use autodiff::Mask;
+use autodiff::lanes::Lanes;
+use autodiff::unrolled::unrolled;
 
 /// Numbers of a piece beside its three forms.
 pub(super) const N_NUMBER: usize = 6;

@@ -5,7 +5,7 @@ use super::pattern::Pattern;
 use super::pieces::seen;
 use super::world::{self, LANES, Placed};
 use super::{Eye, Tile, splat};
-use crate::autodiff::lanes::Lanes;
+use autodiff::lanes::Lanes;
 
 /// Below all readings of a mesh, from the ball around it; ∞ where the view does not reach that.
 #[inline(always)]

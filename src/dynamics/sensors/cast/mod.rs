@@ -26,8 +26,8 @@
 //! is left out because it cannot be seen is left out by bounds that are wider than all roundings: an image is that of all
 //! solids at all pixels, bit for bit.
 //!
-//! Uneven ground is a plane where it only slopes, and a bounded march where it has waves ([`Relief`](crate::dynamics::Relief));
-//! of triangle meshes ([`Mesh`](crate::dynamics::Mesh)) every ray that reaches their ball goes down a tree of boxes, in `f64`.
+//! Uneven ground is a plane where it only slopes, and a bounded march where it has waves ([`Relief`](crate::Relief));
+//! of triangle meshes ([`Mesh`](crate::Mesh)) every ray that reaches their ball goes down a tree of boxes, in `f64`.
 //!
 //! Numbers are `f32` about the eye: 10⁻³ (1 + t) m of the exact range holds for scenes within some hundred metres of the
 //! origin, whose coordinates `f32` resolves to 10⁻⁵ m.
@@ -54,10 +54,10 @@ pub use tiles::Camera;
 pub(crate) use world::MAX_TRIANGLES;
 pub use world::{GROUND, NOTHING, Owner, World};
 
-use crate::autodiff::lanes::Lanes;
-use crate::dynamics::shape::{MAX_SIZE, Pose};
-use crate::dynamics::spatial::{Vec3, matrix, unit};
-use crate::error::{Error, Result, finite};
+use crate::shape::{MAX_SIZE, Pose};
+use crate::spatial::{Vec3, matrix, unit};
+use autodiff::lanes::Lanes;
+use base::error::{Error, Result, finite};
 use world::LANES;
 
 /// Between which distances a sensor gives a reading, m.
@@ -91,6 +91,7 @@ impl Range {
 /// Working memory of casts: of one thread. It grows to the largest image and world it has met, and then allocates no more.
 ///
 /// ```
+/// # use omnidrones_dynamics::omnidrones;
 /// use omnidrones::dynamics::sensors::cast::{Camera, Caster, GROUND, NOTHING, Range, Rays, World};
 /// use omnidrones::dynamics::scene::Scene;
 /// use omnidrones::dynamics::shape::Pose;
@@ -204,7 +205,7 @@ impl Eye {
     }
 }
 
-/// a b + c in one rounding, also in one lane, where [`Scalar::mul_add`](crate::autodiff::Scalar::mul_add) makes two.
+/// a b + c in one rounding, also in one lane, where [`Scalar::mul_add`](autodiff::Scalar::mul_add) makes two.
 #[inline(always)]
 fn fused<L: Lanes>(a: L, b: L, c: L) -> L {
     if L::WIDTH > 1 {

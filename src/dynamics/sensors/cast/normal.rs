@@ -13,8 +13,8 @@
 //! tells: the gradient of an image in the pose is biased by what its edges sweep.
 
 use super::world::{LANES, Solid, World, solid};
-use crate::dynamics::shape::Pose;
-use crate::dynamics::spatial::{Vec3, axpy, cross, dot, rotate, rotate_back, scale, sub};
+use crate::shape::Pose;
+use crate::spatial::{Vec3, axpy, cross, dot, rotate, rotate_back, scale, sub};
 
 /// Least |n·d| of a unit direction that slopes are divided by: rays within 5.7° of the surface.
 pub const GRAZING: f64 = 0.1;

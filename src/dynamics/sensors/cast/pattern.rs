@@ -5,11 +5,11 @@ use super::hit::{Ball, Cuboid, N_NUMBER, Piece, Side};
 use super::pieces::PieceBlock;
 use super::world::{self, LANES, NOTHING, World};
 use super::{Caster, Eye, Range, Tile, meshes, splat, uneven};
-use crate::autodiff::Mask;
-use crate::autodiff::lanes::{Kernel, Lanes, dispatch};
-use crate::autodiff::unrolled::unrolled;
-use crate::dynamics::shape::Pose;
-use crate::dynamics::spatial::Vec3;
+use crate::shape::Pose;
+use crate::spatial::Vec3;
+use autodiff::Mask;
+use autodiff::lanes::{Kernel, Lanes, dispatch};
+use autodiff::unrolled::unrolled;
 
 /// Rays in tiles of sixteen, and what they read in their order.
 pub(super) trait Pattern: View {

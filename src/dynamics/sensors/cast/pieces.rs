@@ -7,10 +7,10 @@
 use super::hit::N_NUMBER;
 use super::world::{BoxBlock, CapsuleBlock, LANES, Row};
 use super::{Eye, dot, fused, splat};
-use crate::autodiff::Mask;
-use crate::autodiff::lanes::Lanes;
-use crate::autodiff::unrolled::unrolled;
-use crate::dynamics::spatial::Vec3;
+use crate::spatial::Vec3;
+use autodiff::Mask;
+use autodiff::lanes::Lanes;
+use autodiff::unrolled::unrolled;
 
 /// Roundings of a position in the eye's frame, relative to its distance; 2⁻²³ is 1.2e-7, and some ten of them add up.
 const SLACK: f64 = 4e-6;

@@ -1,8 +1,8 @@
 //! One ray after the other, against one solid after the other, in `f64` and by other equations: what lanes are compared with.
 
 use super::world::{self, GROUND, LANES, NOTHING, World};
-use crate::dynamics::shape::Pose;
-use crate::dynamics::spatial::{Vec3, axpy, dot, rotate, sub, unit};
+use crate::shape::Pose;
+use crate::spatial::{Vec3, axpy, dot, rotate, sub, unit};
 
 /// The nearest entry of a ray o + t d, t > 0: (t, id); (∞, [`NOTHING`]) for none. `d` may have any length.
 pub(super) fn nearest(world: &World, o: Vec3<f64>, d: Vec3<f64>) -> (f64, u32) {

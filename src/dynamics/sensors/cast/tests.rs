@@ -3,11 +3,11 @@
 use super::normal::Slope;
 use super::reference::{from_pose, gap, nearest};
 use super::*;
-use crate::autodiff::lanes::{Set, with_set};
-use crate::dynamics::scene::{Element, Gate, Obstacle, Scene, Slide};
-use crate::dynamics::shape::{Geometry, Shape};
-use crate::dynamics::spatial::{add, exponential, from_euler, multiply, rotate, scale};
-use crate::rng::{Purpose, Stream};
+use crate::scene::{Element, Gate, Obstacle, Scene, Slide};
+use crate::shape::{Geometry, Shape};
+use crate::spatial::{add, exponential, from_euler, multiply, rotate, scale};
+use autodiff::lanes::{Set, with_set};
+use rng::{Purpose, Stream};
 
 pub(super) fn stream(which: u64) -> Stream {
     Stream::new(60, which, 0, Purpose::user(60))
@@ -356,7 +356,7 @@ fn slopes_in_the_pose_are_those_of_differences_off_silhouettes() {
             let (depth, id) = from_pose(&world, &body.then(&mount), direction);
             let d = rotate(body.attitude, rotate(mount.attitude, direction));
             let Some(n) = world.normal(id, add(body.then(&mount).position, scale(depth, d))) else { continue };
-            let facing = -crate::dynamics::spatial::dot(n, d) / crate::dynamics::spatial::dot(d, d).sqrt();
+            let facing = -crate::spatial::dot(n, d) / crate::spatial::dot(d, d).sqrt();
             if depth > 15.0 || facing < 0.25 || ids[i] != id {
                 continue;
             }

@@ -10,12 +10,12 @@ use super::pattern::{OnePiece, Pattern, largest, nearer};
 use super::pieces::{Grid, PieceBlock, widened};
 use super::world::{self, GROUND, LANES, NOTHING, Row, World};
 use super::{Caster, Range, Tile, fused, splat};
-use crate::autodiff::Mask;
-use crate::autodiff::lanes::Lanes;
-use crate::autodiff::unrolled::unrolled;
-use crate::dynamics::shape::Pose;
-use crate::dynamics::spatial::Vec3;
-use crate::error::{Error, Result, finite};
+use crate::shape::Pose;
+use crate::spatial::Vec3;
+use autodiff::Mask;
+use autodiff::lanes::Lanes;
+use autodiff::unrolled::unrolled;
+use base::error::{Error, Result, finite};
 
 /// Most pixels of an image.
 pub const MAX_PIXELS: usize = 1 << 22;

@@ -14,9 +14,9 @@
 use super::pattern::Pattern;
 use super::world::{self, GROUND, LANES, NOTHING, World};
 use super::{Eye, Tile, dot, fused, splat};
-use crate::autodiff::Mask;
-use crate::autodiff::lanes::Lanes;
-use crate::dynamics::spatial::Vec3;
+use crate::spatial::Vec3;
+use autodiff::Mask;
+use autodiff::lanes::Lanes;
 
 /// A step of less than this times 1 + t ends the march, m.
 const CLOSE: f64 = 1e-5;
@@ -149,7 +149,7 @@ fn height_over<L: Lanes>(hills: &Hills, d: Vec3<L>, t: L, linear: L) -> (L, L) {
     (f, slope)
 }
 
-/// As [`Scalar::sin_cos`](crate::autodiff::Scalar::sin_cos) of lanes, with the same bits in one lane: π/2 is taken off in two parts, then one
+/// As [`Scalar::sin_cos`](autodiff::Scalar::sin_cos) of lanes, with the same bits in one lane: π/2 is taken off in two parts, then one
 /// polynomial for each, and the quadrant picks and signs them. Within 10⁻⁷ for |x| < 10⁶.
 #[inline(always)]
 fn sin_cos<L: Lanes>(x: L) -> (L, L) {

@@ -2,11 +2,11 @@
 
 use super::tests::{any_camera, any_rays, attitude, decades, image, scan, stream, vector};
 use super::*;
-use crate::autodiff::lanes::{Set, with_set};
-use crate::dynamics::relief::{Relief, Wave};
-use crate::dynamics::scene::{Generator, Scene};
-use crate::dynamics::spatial::{axpy, rotate};
-use crate::rng::Stream;
+use crate::relief::{Relief, Wave};
+use crate::scene::{Generator, Scene};
+use crate::spatial::{axpy, rotate};
+use autodiff::lanes::{Set, with_set};
+use rng::Stream;
 
 fn any_relief(r: &mut Stream) -> Relief {
     let mut relief = Relief { slope: [r.uniform(-0.4, 0.4), r.uniform(-0.4, 0.4)], waves: Vec::new() };

@@ -3,12 +3,12 @@
 //! A sphere is a capsule without length, a gate is four capsules. Numbers lie side by side, sixteen solids to a block, so that
 //! lanes go over solids where the eye's frame is made, and over rays afterwards.
 
-use crate::dynamics::mesh::{Mesh, PlacedMesh};
-use crate::dynamics::relief::Relief;
-use crate::dynamics::scene::{Element, Scene};
-use crate::dynamics::shape::{Geometry, Pose};
-use crate::dynamics::spatial::{Vec3, add, matrix, rotate, scale, sub, unit};
-use crate::error::{Error, Result};
+use crate::mesh::{Mesh, PlacedMesh};
+use crate::relief::Relief;
+use crate::scene::{Element, Scene};
+use crate::shape::{Geometry, Pose};
+use crate::spatial::{Vec3, add, matrix, rotate, scale, sub, unit};
+use base::error::{Error, Result};
 
 /// Solids of a block and rays of a packet: a multiple of every width of lanes.
 pub(super) const LANES: usize = 16;
@@ -163,6 +163,7 @@ impl<B: Clone> Blocks<B> {
 /// by [`clear_moving`](Self::clear_moving). Ids count kinds apart, so those of the scene stay as they are.
 ///
 /// ```
+/// # use omnidrones_dynamics::omnidrones;
 /// use omnidrones::dynamics::scene::Scene;
 /// use omnidrones::dynamics::sensors::cast::World;
 ///
@@ -242,7 +243,7 @@ impl World {
     }
 
     /// Whether its ground is anything but a level plane.
-    pub(in crate::dynamics::sensors) fn is_uneven(&self) -> bool {
+    pub(in crate::sensors) fn is_uneven(&self) -> bool {
         self.ground.is_some() && (self.relief.slope != [0.0; 2] || !self.relief.waves.is_empty())
     }
 

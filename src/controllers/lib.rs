@@ -46,12 +46,13 @@
 //!
 //! At equal rates the four levels compose to the geometric law of Lee, Leok and McClamroch (2010), term by term:
 //! F = m(a_ref + K_p e_p + K_v e_v + g e_z), M = −K_R e_R − K_ω e_ω + ω×Jω − J(ω̂RᵀR_dω_d − RᵀR_dω̇_d).
-//! Every kernel is branch-free over [`Scalar`](crate::autodiff::Scalar).
+//! Every kernel is branch-free over [`Scalar`](autodiff::Scalar).
 
 // Kernels are index loops: iterators and slice copies cost lanes their speed.
 #![allow(clippy::needless_range_loop, clippy::manual_memcpy)]
 
-pub(crate) mod action;
+#[doc(hidden)]
+pub mod action;
 pub mod allocation;
 pub mod attitude;
 pub(crate) mod believed;
@@ -127,3 +128,10 @@ pub use state_feedback::Lqr;
 pub use transport::{TiltLimits, Transport};
 pub use vectored::{Vectored, vectored};
 pub use velocity::VelocityCommand;
+
+/// Examples of the documentation name things as users of `omnidrones` do.
+#[doc(hidden)]
+pub mod omnidrones {
+    pub use crate as controllers;
+    pub use {autodiff, base::error, dynamics};
+}

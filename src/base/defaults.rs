@@ -1,6 +1,7 @@
 //! Settings with their defaults beside them.
 
 /// A struct whose every field stands with its default: `name: type = default,`.
+#[macro_export]
 macro_rules! with_defaults {
     (
         $(#[$meta:meta])*
@@ -21,4 +22,4 @@ macro_rules! with_defaults {
     };
 }
 
-pub(crate) use with_defaults;
+pub use crate::with_defaults;

@@ -1,6 +1,6 @@
 //! Learning: from random weights to a policy that flies.
 //!
-//! A learner sees environments through the batch API alone ([`Env`](crate::tasks::Env)): observations in, actions out, and
+//! A learner sees environments through the batch API alone ([`Env`](tasks::Env)): observations in, actions out, and
 //! for the analytic methods the reverse sweep. All of them share the parts below; each algorithm is one file to be read
 //! from top to bottom.
 //!
@@ -78,7 +78,8 @@ pub(crate) mod critic;
 pub(crate) mod curriculum;
 pub mod dagger;
 pub mod dqn;
-pub(crate) mod ending;
+#[doc(hidden)]
+pub mod ending;
 pub(crate) mod evaluate;
 pub(crate) mod experience;
 pub(crate) mod gae;
@@ -107,7 +108,8 @@ pub mod schedule;
 pub mod search;
 pub(crate) mod sequences;
 pub mod shac;
-pub(crate) mod shards;
+#[doc(hidden)]
+pub mod shards;
 pub mod state;
 pub(crate) mod target_network;
 pub mod td3;

@@ -20,7 +20,7 @@ pub fn of_toml<T: DeserializeOwned>(text: &str, file: &str) -> Result<T> {
 }
 
 /// The same, with the mistake as it is.
-pub(crate) fn of_text<T: DeserializeOwned>(text: &str) -> std::result::Result<T, Mistake> {
+pub fn of_text<T: DeserializeOwned>(text: &str) -> std::result::Result<T, Mistake> {
     of_table(&table(text)?).map_err(|fault| Mistake { span: fault.span(text), message: fault.message().into() })
 }
 
@@ -28,7 +28,7 @@ pub(crate) fn of_text<T: DeserializeOwned>(text: &str) -> std::result::Result<T,
 ///
 /// # Errors
 /// [`Error::Format`] with line and column for text that is no TOML.
-pub(crate) fn parse(text: &str, file: &str) -> Result<toml::Table> {
+pub fn parse(text: &str, file: &str) -> Result<toml::Table> {
     table(text).map_err(|mistake| mistake.error(text, file))
 }
 
@@ -38,7 +38,7 @@ fn table(text: &str) -> std::result::Result<toml::Table, Mistake> {
 
 /// What is wrong with a text, and where.
 #[derive(Debug)]
-pub(crate) struct Mistake {
+pub struct Mistake {
     pub span: Option<Range<usize>>,
     pub message: String,
 }
@@ -107,18 +107,18 @@ impl<'de> Visitor<'de> for Way<'_> {
 }
 
 /// What a table says.
-pub(crate) fn of_table<T: DeserializeOwned>(table: &toml::Table) -> std::result::Result<T, Fault> {
+pub fn of_table<T: DeserializeOwned>(table: &toml::Table) -> std::result::Result<T, Fault> {
     T::deserialize(Reader(Value::Table(table)))
 }
 
 /// What a value says.
-pub(crate) fn of_value<T: DeserializeOwned>(value: &toml::Value) -> std::result::Result<T, Fault> {
+pub fn of_value<T: DeserializeOwned>(value: &toml::Value) -> std::result::Result<T, Fault> {
     T::deserialize(Reader(Value::Toml(value)))
 }
 
 /// Why a value cannot be read, and where.
 #[derive(Debug)]
-pub(crate) struct Fault(Box<Place>);
+pub struct Fault(Box<Place>);
 
 #[derive(Debug)]
 struct Place {
@@ -137,7 +137,7 @@ enum Step {
 
 impl Fault {
     /// As serde says it.
-    pub(crate) fn message(&self) -> &str {
+    pub fn message(&self) -> &str {
         &self.0.message
     }
 
@@ -157,12 +157,12 @@ impl Fault {
     }
 
     /// Of a table that comes from no text.
-    pub(crate) fn in_table(&self, file: &str) -> Error {
+    pub fn in_table(&self, file: &str) -> Error {
         format(file, self.path().unwrap_or_else(|| WHOLE.into()), self.message())
     }
 
     /// Of the text that the table was parsed from.
-    pub(crate) fn in_text(&self, text: &str, file: &str) -> Error {
+    pub fn in_text(&self, text: &str, file: &str) -> Error {
         Mistake { span: self.span(text), message: self.message().into() }.error(text, file)
     }
 

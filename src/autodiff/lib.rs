@@ -23,14 +23,19 @@
 pub(crate) mod array;
 pub mod batch_rollout;
 pub mod certificate;
-pub(crate) mod columns;
+#[doc(hidden)]
+pub mod columns;
 pub mod custom;
 pub mod derivative;
 pub(crate) mod dual;
+#[cfg(test)]
+mod example;
 pub mod jet;
-pub(crate) mod lanes;
+#[doc(hidden)]
+pub mod lanes;
 pub mod native;
-pub(crate) mod once;
+#[doc(hidden)]
+pub mod once;
 pub(crate) mod polynomials;
 pub mod program;
 pub(crate) mod quick;
@@ -39,8 +44,10 @@ pub mod safe;
 pub(crate) mod scalar;
 pub(crate) mod sweep;
 pub(crate) mod system;
-pub(crate) mod trace;
-pub(crate) mod unrolled;
+#[doc(hidden)]
+pub mod trace;
+#[doc(hidden)]
+pub mod unrolled;
 
 pub use array::Array;
 pub use batch_rollout::{BatchGradient, BatchRollout};
@@ -54,3 +61,10 @@ pub use rollout::{Gradient, Rollout};
 pub use scalar::{Mask, Scalar};
 pub use system::{Objective, System};
 pub use trace::{Recording, Trace, TraceMask};
+
+/// Examples of the documentation name things as users of `omnidrones` do.
+#[doc(hidden)]
+pub mod omnidrones {
+    pub use crate as autodiff;
+    pub use base::{error, parallel};
+}

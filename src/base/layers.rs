@@ -106,7 +106,31 @@ pub fn at(path: &str, value: Value) -> Table {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tasks::EnvConfig;
+    use serde::Deserialize;
+
+    /// Settings as those of environments are.
+    #[derive(Debug, Default, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    struct EnvConfig {
+        seed: u64,
+        dt: f64,
+        integrator: String,
+        action_scale: ActionScale,
+        delay: Delay,
+    }
+
+    #[derive(Debug, Default, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    struct ActionScale {
+        rate: f64,
+    }
+
+    #[derive(Debug, Default, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    struct Delay {
+        min: usize,
+        max: usize,
+    }
 
     fn table(text: &str) -> Table {
         toml::from_str(text).unwrap()

@@ -1,7 +1,7 @@
 //! What settings mean, from the documentation beside their fields: said once, read by people and printed into files.
 
 /// The first sentence beside each field of `pub struct NAME` in `source`, by the field's name.
-pub(crate) fn fields(source: &str, name: &str) -> Vec<(String, String)> {
+pub fn fields(source: &str, name: &str) -> Vec<(String, String)> {
     let head = format!("pub struct {name} {{");
     let body = source.split_once(&head).map_or("", |(_, rest)| rest);
     let (mut all, mut words) = (Vec::new(), String::new());

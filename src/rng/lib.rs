@@ -15,15 +15,21 @@
 //! [`normal`](Stream::normal) because its logarithm and cosine are polynomials in operations that IEEE 754 rounds alike everywhere.
 
 mod chacha;
-mod normal;
-mod normals;
+#[doc(hidden)]
+pub mod normal;
+#[doc(hidden)]
+pub mod normals;
 mod numbers;
 mod words;
 
-pub(crate) use normal::{ln, normal};
-pub(crate) use normals::{NORMAL_WORDS, normals};
-pub(crate) use numbers::{below, to_f32_below_one, unit};
-pub(crate) use words::{Words, blocks};
+#[doc(hidden)]
+pub use normal::{ln, normal};
+#[doc(hidden)]
+pub use normals::{NORMAL_WORDS, normals};
+#[doc(hidden)]
+pub use numbers::{below, to_f32_below_one, unit};
+#[doc(hidden)]
+pub use words::{Words, blocks};
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};

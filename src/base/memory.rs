@@ -70,13 +70,13 @@ fn address_space() -> Option<u64> {
 }
 
 /// A batch of no environments.
-pub(crate) fn none_asked(limit: u64) -> Error {
+pub fn none_asked(limit: u64) -> Error {
     let most = format!("1 to what {:.1} GiB hold", limit as f64 / f64::from(1 << 30));
     Error::limit("n_env", 0, most, "A batch has environments.")
 }
 
 /// A request for memory.
-pub(crate) struct Request<'a, V> {
+pub struct Request<'a, V> {
     /// What is asked for, and how much of it.
     pub what: &'a str,
     pub value: V,
@@ -93,7 +93,7 @@ impl<V: Display> Request<'_, V> {
     ///
     /// # Errors
     /// [`Error::Limit`].
-    pub(crate) fn check(self, most: impl FnOnce(u64) -> String) -> Result<()> {
+    pub fn check(self, most: impl FnOnce(u64) -> String) -> Result<()> {
         self.check_with(left(), most)
     }
 

@@ -13,7 +13,7 @@
 //! | `domain` | what a physical number may be |
 //! | [`rigid`] | the rigid multirotor's equations, over any scalar |
 //! | [`integrate`] | RK4 and the semi-implicit step |
-//! | [`multirotor`] | vehicle + physics as a [`System`](crate::autodiff::System) |
+//! | [`multirotor`] | vehicle + physics as a [`System`](autodiff::System) |
 //! | `plant` | such a vehicle or an articulated system, behind one type |
 //! | `frame` | where a body is and how it moves |
 //! | [`fleet`] | several multirotors in each other's downwash, as one system |
@@ -36,17 +36,21 @@ pub mod authority;
 pub mod batch;
 pub mod configurations;
 pub mod contact;
-pub(crate) mod domain;
+#[doc(hidden)]
+pub mod domain;
 pub mod fleet;
-pub(crate) mod frame;
+#[doc(hidden)]
+pub mod frame;
 pub mod gains;
 pub mod hover;
 pub mod integrate;
 pub(crate) mod mesh;
 pub mod multirotor;
 pub(crate) mod oddities;
-pub(crate) mod plant;
-pub(crate) mod relief;
+#[doc(hidden)]
+pub mod plant;
+#[doc(hidden)]
+pub mod relief;
 pub mod rigid;
 pub mod rotor;
 pub mod scene;
@@ -72,3 +76,10 @@ pub use plant::{Plant, Quantity};
 pub use relief::{Relief, Wave};
 pub use rigid::{Disturbance, Effects, RigidModel, RigidState};
 pub use vehicle::*;
+
+/// Examples of the documentation name things as users of `omnidrones` do.
+#[doc(hidden)]
+pub mod omnidrones {
+    pub use crate as dynamics;
+    pub use {autodiff, base::error, rng};
+}

@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
 /// Largest log of a run that is read, bytes: a thousand times that of a long one.
-pub(crate) const MAX_LOG: u64 = 1 << 30;
+pub const MAX_LOG: u64 = 1 << 30;
 
 /// Refuses all but regular files.
 fn regular(path: &Path, about: &Metadata) -> Result<()> {
@@ -60,7 +60,7 @@ pub fn open(path: &Path) -> Result<(File, u64)> {
 ///
 /// # Errors
 /// [`Error::Value`] if the name stands for anything but a regular file.
-pub(crate) fn own(path: &Path) -> Result<()> {
+pub fn own(path: &Path) -> Result<()> {
     std::fs::symlink_metadata(path).map_or(Ok(()), |about| regular(path, &about))
 }
 
@@ -105,7 +105,7 @@ pub fn read_text(path: &Path, limit: u64) -> Result<String> {
 ///
 /// # Errors
 /// As there.
-pub(crate) fn read_own(path: &Path, limit: u64) -> Result<Vec<u8>> {
+pub fn read_own(path: &Path, limit: u64) -> Result<Vec<u8>> {
     own(path)?;
     match std::fs::symlink_metadata(path) {
         Err(e) if e.kind() == ErrorKind::NotFound => Ok(Vec::new()),
@@ -115,7 +115,7 @@ pub(crate) fn read_own(path: &Path, limit: u64) -> Result<Vec<u8>> {
 
 /// What a file is, whatever it is called: two names of one have the same.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
-pub(crate) enum Identity {
+pub enum Identity {
     /// Device and number there.
     Number(u64, u64),
     /// Where the system has no such numbers, or there is no file.
@@ -123,7 +123,7 @@ pub(crate) enum Identity {
 }
 
 /// See [`Identity`]. A link is what it leads to.
-pub(crate) fn identity(path: &Path) -> Identity {
+pub fn identity(path: &Path) -> Identity {
     #[cfg(unix)]
     if let Ok(about) = std::fs::metadata(path) {
         use std::os::unix::fs::MetadataExt;
@@ -137,7 +137,7 @@ pub(crate) fn identity(path: &Path) -> Identity {
 ///
 /// # Errors
 /// [`Error::File`] if the disk refuses, [`Error::Value`] for a link or a device.
-pub(crate) fn append(path: &Path) -> Result<File> {
+pub fn append(path: &Path) -> Result<File> {
     own(path)?;
     let refused = |e| Error::file(path, e);
     let open = || OpenOptions::new().create(true).append(true).open(path).map_err(refused);
@@ -162,7 +162,7 @@ fn names(about: &Metadata) -> u64 {
 }
 
 /// Bytes that are left for this user where `folder` is or will be; `None` where the system does not tell.
-pub(crate) fn left(folder: &Path) -> Option<u64> {
+pub fn left(folder: &Path) -> Option<u64> {
     #[cfg(unix)]
     {
         let named = |own: &Path| if own.as_os_str().is_empty() { PathBuf::from(".") } else { own.to_path_buf() };

@@ -83,8 +83,9 @@ pub enum Error {
 /// What kind it is, for who answers to one kind and passes the others on.
 ///
 /// ```
-/// use omnidrones::dynamics::vehicles;
-/// assert!(vehicles::by_name("humingbird").is_err_and(|error| error.is_unknown_name()));
+/// # use omnidrones_base::omnidrones;
+/// use omnidrones::layers::Layer;
+/// assert!(Layer::of_text("dt 0.01", "my.toml").is_err_and(|error| error.is_format()));
 /// ```
 impl Error {
     /// A value that is not finite, not physical or outside its range.
@@ -145,7 +146,8 @@ impl Error {
     }
 
     /// A key of `file` that is none of those `known`.
-    pub(crate) fn unknown_key(file: &str, key: &str, known: &[String]) -> Self {
+    #[doc(hidden)]
+    pub fn unknown_key(file: &str, key: &str, known: &[String]) -> Self {
         let list = known.iter().map(|k| format!("`{k}`")).collect::<Vec<_>>().join(", ");
         let rule = format!("unknown field `{key}`, expected one of {list}");
         let remedy = unknown_key_remedy(&rule).unwrap_or_default();
@@ -166,7 +168,8 @@ fn side(value: &str, limit: &str) -> &'static str {
 }
 
 /// serde says: unknown field `x`, expected one of `a`, `b`.
-pub(crate) fn unknown_key_remedy(message: &str) -> Option<String> {
+#[doc(hidden)]
+pub fn unknown_key_remedy(message: &str) -> Option<String> {
     let mut quoted = message.strip_prefix("unknown field ")?.split('`').skip(1).step_by(2);
     let key = quoted.next()?;
     Some(match nearest(key, quoted) {
@@ -176,7 +179,8 @@ pub(crate) fn unknown_key_remedy(message: &str) -> Option<String> {
 }
 
 /// What the parser says with Rust's names of types, in those of numbers, and without the full stop that the sentence gets.
-pub(crate) fn in_words(said: &str) -> String {
+#[doc(hidden)]
+pub fn in_words(said: &str) -> String {
     let whole = ["usize", "u64", "u32", "u16", "u8"].map(|kind| (kind, "a whole number from 0"));
     let real = ["f64", "f32"].map(|kind| (kind, "a number"));
     let named = whole.into_iter().chain(real).find(|(kind, _)| said.ends_with(&format!("expected {kind}")));
@@ -201,7 +205,8 @@ fn cut(name: &str) -> String {
 const LONGEST_PART: usize = 600;
 
 /// The beginning and the end of a text that is endless.
-pub(crate) fn middle(text: &str) -> String {
+#[doc(hidden)]
+pub fn middle(text: &str) -> String {
     let n = text.chars().count();
     if n <= LONGEST_PART {
         return text.into();
@@ -225,7 +230,8 @@ fn short(text: String) -> String {
 }
 
 /// Checks that every number of `values` is finite; `what` names the first that is not.
-pub(crate) fn finite(what: &str, values: &[f64]) -> Result<()> {
+#[doc(hidden)]
+pub fn finite(what: &str, values: &[f64]) -> Result<()> {
     match values.iter().position(|v| !v.is_finite()) {
         None => Ok(()),
         Some(i) => {
@@ -236,7 +242,8 @@ pub(crate) fn finite(what: &str, values: &[f64]) -> Result<()> {
 }
 
 /// ` (did you mean 'x'?)` for the [`nearest`] known name, else nothing.
-pub(crate) fn suggestion(name: &str, known: &[String]) -> String {
+#[doc(hidden)]
+pub fn suggestion(name: &str, known: &[String]) -> String {
     nearest(name, known.iter().map(String::as_str)).map_or(String::new(), |k| format!(" (did you mean '{k}'?)"))
 }
 
@@ -257,7 +264,8 @@ fn nearest<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> Option<&'a s
 }
 
 /// Levenshtein distance, by one row of the usual table.
-pub(crate) fn edit_distance(a: &str, b: &str) -> usize {
+#[doc(hidden)]
+pub fn edit_distance(a: &str, b: &str) -> usize {
     let b: Vec<char> = b.chars().collect();
     let mut row: Vec<usize> = (0..=b.len()).collect();
     for (i, ca) in a.chars().enumerate() {

@@ -20,8 +20,8 @@
 //! | `evaluate`, `record` | how well a policy does, from fixed starts; step by step |
 //! | [`probe`] | tasks whose value is known in closed form |
 //!
-//! What every number means (arrays, frames, actions, the order within a step, what to bootstrap from) is said in the
-//! [conventions](crate::conventions).
+//! What every number means (arrays, frames, actions, the order within a step, what to bootstrap from) is said in
+//! `conventions`.
 //!
 //! # The main path
 //!
@@ -133,7 +133,8 @@ pub mod bounds;
 pub mod config;
 pub(crate) mod crew;
 pub mod declare;
-pub(crate) mod env;
+#[doc(hidden)]
+pub mod env;
 pub(crate) mod evaluate;
 pub mod groups;
 pub mod observation;

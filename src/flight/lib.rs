@@ -5,12 +5,12 @@ mod scans;
 
 pub use scans::Scans;
 
-use crate::autodiff::System;
-use crate::dynamics::rotor::LEAST_THRUST;
-use crate::dynamics::spatial::{Quat, Vec3, conjugate, cross, dot, from_euler, multiply, rotate, to_euler, up_axis};
-use crate::dynamics::vehicle::GRAVITY;
-use crate::dynamics::{Plant, Quantity};
-use crate::error::{Error, Result};
+use autodiff::System;
+use base::error::{Error, Result};
+use dynamics::rotor::LEAST_THRUST;
+use dynamics::spatial::{Quat, Vec3, conjugate, cross, dot, from_euler, multiply, rotate, to_euler, up_axis};
+use dynamics::vehicle::GRAVITY;
+use dynamics::{Plant, Quantity};
 use serde::Serialize;
 use std::path::Path;
 
@@ -94,7 +94,7 @@ pub struct FlightLog {
     pub wind: Vec<[f64; 3]>,
     /// (roll, pitch, yaw) that were asked apart from the force, rad; empty where the force chose the attitude.
     pub asked_angles: Vec<[f64; 3]>,
-    /// Body → world at yaw 0, `[w, x, y, z]`, of a [hover](crate::dynamics::Hover) that leans: tilt, heading and what the reference
+    /// Body → world at yaw 0, `[w, x, y, z]`, of a [hover](dynamics::Hover) that leans: tilt, heading and what the reference
     /// asks are told from there. `None` of one that is level, and where nobody knows it.
     pub hover_attitude: Option<[f64; 4]>,
     /// Of a cascade; empty where what flew has no such levels.
@@ -145,7 +145,8 @@ pub struct FlightSummary {
 
 impl FlightLog {
     /// Memory of one sample of a flight of this plant, with its state and `n_reading` numbers of sensors, bytes.
-    pub(crate) fn bytes_of_sample(plant: &Plant, n_reading: usize) -> usize {
+    #[doc(hidden)]
+    pub fn bytes_of_sample(plant: &Plant, n_reading: usize) -> usize {
         let fixed = size_of::<FlightSample<'_>>() + size_of::<Commanded>();
         fixed + (3 * plant.rotors().len() + plant.n_state() + n_reading) * size_of::<f64>()
     }
@@ -261,7 +262,7 @@ impl FlightLog {
     }
 
     /// Angle about body z per sample, within ±π, rad, from the attitude that has the same body z and the reference's yaw:
-    /// b₂ along b₃ × (cos ψ, sin ψ, 0), as in [`desired_attitude`](crate::controllers::velocity::desired_attitude). Upright it
+    /// b₂ along b₃ × (cos ψ, sin ψ, 0), as `desired_attitude` of the velocity level. Upright it
     /// is heading less yaw; where roll and pitch were asked apart from the force, that at any tilt. 0 where there is no heading.
     /// Of a vehicle that leans in hover, in the axes that are level there.
     pub fn heading_error(&self) -> Vec<f64> {
@@ -461,9 +462,9 @@ fn csv_size(header: &[String], n: usize, fill: impl Fn(usize, &mut Vec<f64>)) ->
 /// Writes `n` rows below a header, whole or not at all.
 fn write_rows(path: &Path, header: &[String], n: usize, fill: impl Fn(usize, &mut Vec<f64>)) -> Result<()> {
     let failed = |e: csv::Error| Error::file(path, e.into());
-    crate::file_gate::replace_with(path, |file| {
+    base::file_gate::replace_with(path, |file| {
         let mut writer = csv::Writer::from_writer(std::io::BufWriter::new(file));
-        writer.write_record(header.iter().map(|name| crate::names::cell(name))).map_err(failed)?;
+        writer.write_record(header.iter().map(|name| base::names::cell(name))).map_err(failed)?;
         let mut row = Vec::new();
         for i in 0..n {
             fill(i, &mut row);
