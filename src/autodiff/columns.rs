@@ -10,7 +10,6 @@ pub const BLOCK: usize = 64;
 /// Row k holds number k of [`BLOCK`] environments. Each begins at a line of the cache: a register that lies across two
 /// costs two accesses.
 #[derive(Debug, Clone, Default)]
-#[doc(hidden)]
 pub struct Columns(Vec<Row>);
 
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
@@ -47,12 +46,10 @@ impl DerefMut for Columns {
 }
 
 /// `f64` numbers of a line of the cache.
-#[doc(hidden)]
 pub const LINE: usize = 8;
 
 /// Rows of [`LINE`] numbers in `f64`, each a line of the cache: of as many steps, or of as many rows of a Jacobian.
 #[derive(Debug, Clone, Default)]
-#[doc(hidden)]
 pub struct Lines(Vec<Line>);
 
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]

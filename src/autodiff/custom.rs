@@ -270,7 +270,6 @@ fn reverse(function: &dyn CustomFunction, x: &[f64], y_bar: &[f64], x_bar: &mut 
 }
 
 /// Likewise, of x and ȳ one behind the other.
-#[doc(hidden)]
 pub fn reverse_at(z: &[f64], n: usize, x_bar: &mut [f64], f: impl FnOnce(&[f64], &[f64], &mut [f64])) {
     let (x, y_bar) = z.split_at(n);
     if moves(y_bar) { f(x, y_bar, x_bar) } else { x_bar.fill(0.0) }

@@ -33,7 +33,6 @@ use std::mem::MaybeUninit;
 use std::ops::{Add, AddAssign, Div, Mul, MulAssign, Neg, Sub, SubAssign};
 
 /// `f32` numbers side by side, one environment each. Only [`dispatch`] makes them.
-#[doc(hidden)]
 pub trait Lanes: Scalar {
     /// How many.
     const WIDTH: usize;
@@ -76,7 +75,6 @@ pub trait Lanes: Scalar {
 }
 
 /// A function over lanes. Mark [`run`](Self::run) and all that it calls `#[inline(always)]`.
-#[doc(hidden)]
 pub trait Kernel {
     /// What it returns.
     type Output;
@@ -96,7 +94,6 @@ pub trait Kernel {
 
 /// A function of one register of environments of a block. Mark [`run`](Self::run) and all that it calls
 /// `#[inline(always)]`.
-#[doc(hidden)]
 pub trait RegisterKernel {
     /// Does it for the environments at lanes `at` … of the block.
     fn run<L: Lanes>(&mut self, at: usize);
@@ -137,7 +134,6 @@ struct LaneMask<S: Simd>(S::m32s);
 /// Runs `kernel` with the widest instruction set of this processor.
 // `inline`, as the two below: kernels are then compiled with their callers, in many units, and not all of them here in one
 #[inline]
-#[doc(hidden)]
 pub fn dispatch<K: Kernel>(kernel: K) -> K::Output {
     arch().dispatch(Entry(kernel))
 }
@@ -154,7 +150,6 @@ thread_local! {
 /// Runs `kernel` for the registers that hold the first `n` environments of a block, one after the other. The body is a
 /// function of its own: a loop around thousands of instructions takes the compiler twice as long and gains nothing.
 #[inline]
-#[doc(hidden)]
 pub fn each_register<K: RegisterKernel>(n: usize, kernel: K) {
     each_register_of(first_lanes(n), kernel);
 }
@@ -166,7 +161,6 @@ pub(crate) fn each_register_of<K: RegisterKernel>(lanes: u64, mut kernel: K) {
 }
 
 /// The first `n` lanes of a block.
-#[doc(hidden)]
 pub fn first_lanes(n: usize) -> u64 {
     if n >= BLOCK { u64::MAX } else { (1 << n) - 1 }
 }

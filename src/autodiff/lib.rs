@@ -21,15 +21,20 @@
 //! This room does not know drones.
 
 pub(crate) mod array;
+#[doc(hidden)]
 pub mod batch_rollout;
+#[doc(hidden)]
 pub mod certificate;
 #[doc(hidden)]
 pub mod columns;
+#[doc(hidden)]
 pub mod custom;
+#[doc(hidden)]
 pub mod derivative;
 pub(crate) mod dual;
 #[cfg(test)]
 mod example;
+#[doc(hidden)]
 pub mod jet;
 #[doc(hidden)]
 pub mod lanes;
@@ -37,8 +42,10 @@ pub mod native;
 #[doc(hidden)]
 pub mod once;
 pub(crate) mod polynomials;
+#[doc(hidden)]
 pub mod program;
 pub(crate) mod quick;
+#[doc(hidden)]
 pub mod rollout;
 pub mod safe;
 pub(crate) mod scalar;
@@ -56,7 +63,7 @@ pub use custom::{CustomFunction, Operation, Points};
 pub use derivative::{CompiledJacobian, JacobianScratch, Linearisation, jacobian, linearise};
 pub use jet::Jet;
 pub use lanes::{instruction_set, lane_width};
-pub use program::Program;
+pub use program::{BlockWorkspace, Program, Workspace};
 pub use rollout::{Gradient, Rollout};
 pub use scalar::{Mask, Scalar};
 pub use system::{Objective, System};

@@ -108,7 +108,6 @@ pub struct Scratch {
 
 /// The step of a system as machine code, for flights that are judged and not differentiated.
 #[derive(Debug)]
-#[doc(hidden)]
 pub struct StepCode {
     codes: Arc<Codes>,
     sizes: [usize; 3],
@@ -131,7 +130,6 @@ impl StepCode {
 
 /// Machine code of a step, with its slots.
 #[derive(Debug, Clone)]
-#[doc(hidden)]
 pub struct Forward {
     code: Code,
     slots: Lines,
@@ -150,7 +148,6 @@ impl Forward {
 }
 
 /// The first of two states becomes what follows it, by code of the step where there is some.
-#[doc(hidden)]
 pub fn advance<F: System>(system: &F, code: &mut Option<Forward>, states: &mut [f64], input: &[f64], theta: &[f64]) {
     let n = system.n_state();
     if let Some(code) = code {

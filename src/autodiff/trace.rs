@@ -310,7 +310,6 @@ fn record(graph: Graph, n_input: usize, f: impl FnOnce() -> Vec<Trace>) -> Recor
 }
 
 /// Runs `f` on constants, of which nothing is kept.
-#[doc(hidden)]
 pub fn on_constants<R>(f: impl FnOnce() -> R) -> R {
     apart(Graph::empty(), f).1
 }

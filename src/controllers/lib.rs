@@ -54,45 +54,73 @@
 #[doc(hidden)]
 pub mod action;
 pub mod allocation;
+#[doc(hidden)]
 pub mod attitude;
 pub(crate) mod believed;
+#[doc(hidden)]
 pub mod cascade;
 pub(crate) mod cascade_law;
+#[doc(hidden)]
 pub mod chain_shape;
 pub(crate) mod clocked_step;
+#[doc(hidden)]
 pub mod closed_loop;
+#[doc(hidden)]
 pub mod confidence;
+#[doc(hidden)]
 pub mod controller;
 pub mod design;
 pub(crate) mod extent;
+#[doc(hidden)]
 pub mod fault_tolerant;
+#[doc(hidden)]
 pub mod flight;
+#[doc(hidden)]
 pub mod formation;
 pub(crate) mod gimballed;
+#[doc(hidden)]
 pub mod hover_axes;
+#[doc(hidden)]
 pub mod hover_feedback;
+#[doc(hidden)]
 pub mod indi;
 pub(crate) mod integral;
+#[doc(hidden)]
 pub mod kinematics;
+#[doc(hidden)]
 pub mod law;
 pub mod linear;
 pub(crate) mod load_flatness;
+#[doc(hidden)]
 pub mod locked_joints;
 pub(crate) mod low_pass;
+#[doc(hidden)]
 pub mod mishap;
+#[doc(hidden)]
 pub mod monte_carlo;
+#[doc(hidden)]
 pub mod parameters;
+#[doc(hidden)]
 pub mod platform;
+#[doc(hidden)]
 pub mod position;
+#[doc(hidden)]
 pub mod rate;
+#[doc(hidden)]
 pub mod recovery;
 pub mod reference;
 pub mod registry;
+#[doc(hidden)]
 pub mod six_axis;
+#[doc(hidden)]
 pub mod start;
+#[doc(hidden)]
 pub mod state_feedback;
+#[doc(hidden)]
 pub mod transport;
+#[doc(hidden)]
 pub mod vectored;
+#[doc(hidden)]
 pub mod velocity;
 
 pub use action::ActionScale;
@@ -124,7 +152,7 @@ pub use reference::{Curve, Reference, Setpoint, Tilt, Trajectory};
 pub use registry::{Setup, default_controller};
 pub use six_axis::SixAxis;
 pub use start::start_on;
-pub use state_feedback::Lqr;
+pub use state_feedback::{Lqr, Weights};
 pub use transport::{TiltLimits, Transport};
 pub use vectored::{Vectored, vectored};
 pub use velocity::VelocityCommand;

@@ -48,7 +48,6 @@ pub(crate) fn add_drag<S: Scalar>(
 }
 
 /// [T, M] that fly a reference without error, linear drag included.
-#[doc(hidden)]
 pub fn flat_wrench(body: &BodyModel<f64>, sample: &Setpoint<f64>) -> [f64; 4] {
     let mut state = Kinematics { attitude: identity(), ..Kinematics::at_rest(sample.position) };
     let mut wanted = Orientation::at_rest([[0.0; 3]; 3]);

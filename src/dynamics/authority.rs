@@ -6,7 +6,6 @@ use nalgebra::{DMatrix, DVector, SVD};
 
 /// Singular values below this share of the largest count as zero. A direction is dropped rather than bought at more
 /// than a thousand times the thrust of the strongest one.
-#[doc(hidden)]
 pub const RANK_TOLERANCE: f64 = 1e-3;
 /// Cosine between two axes from which on they count as tied; its square is what is lost of either. Rounding makes 1e-15.
 const TIED: f64 = 3e-5;
@@ -138,7 +137,6 @@ impl Vehicle {
 }
 
 /// The decomposed rows of one choice of axes.
-#[doc(hidden)]
 pub struct Rows {
     pub axes: Vec<Axis>,
     pub svd: SVD<f64, nalgebra::Dyn, nalgebra::Dyn>,
@@ -218,7 +216,6 @@ pub fn characteristic_length(geometry: &DMatrix<f64>) -> f64 {
 }
 
 /// Chooses the rows to allocate: all six where the vehicle is well able to hold them, else thrust and moments.
-#[doc(hidden)]
 pub fn decompose(vehicle: &Vehicle) -> (Rows, Authority) {
     let geometry = vehicle.allocation_matrix();
     let length = characteristic_length(&geometry);

@@ -18,12 +18,10 @@
 use super::vehicle::{GRAVITY, Gains, Rotor, Vehicle};
 
 /// Attitude error at which a derived gain asks for all of an axis's hover authority, rad.
-#[doc(hidden)]
 pub const SATURATION_ANGLE: f64 = 1.0;
 /// Damping ratio of the derived loops.
 pub const DAMPING: f64 = 1.0;
 /// Attitude bandwidth over position bandwidth.
-#[doc(hidden)]
 pub const SEPARATION: f64 = 4.0;
 /// Rates of integral action over attitude bandwidth.
 const INTEGRAL: f64 = 0.5;

@@ -24,7 +24,6 @@ pub enum Integrator {
 
 /// Time grid of a step: `substeps` integrator steps of `substep` seconds.
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[doc(hidden)]
 #[allow(missing_docs)]
 pub struct Grid {
     pub integrator: Integrator,
@@ -33,7 +32,6 @@ pub struct Grid {
 }
 
 /// x⁺ after one step with rotor `action` in [−1, 1] and `air` held.
-#[doc(hidden)]
 #[inline(always)]
 pub fn step<S: Scalar, const R: usize>(
     model: &RigidModel<S, R>,

@@ -32,38 +32,49 @@
 
 pub mod aero;
 pub mod assembly;
+#[doc(hidden)]
 pub mod authority;
+#[doc(hidden)]
 pub mod batch;
 pub mod configurations;
 pub mod contact;
 #[doc(hidden)]
 pub mod domain;
+#[doc(hidden)]
 pub mod fleet;
 #[doc(hidden)]
 pub mod frame;
+#[doc(hidden)]
 pub mod gains;
+#[doc(hidden)]
 pub mod hover;
+#[doc(hidden)]
 pub mod integrate;
 pub(crate) mod mesh;
+#[doc(hidden)]
 pub mod multirotor;
 pub(crate) mod oddities;
 #[doc(hidden)]
 pub mod plant;
 #[doc(hidden)]
 pub mod relief;
+#[doc(hidden)]
 pub mod rigid;
+#[doc(hidden)]
 pub mod rotor;
 pub mod scene;
 pub mod sensors;
 pub mod shape;
+#[doc(hidden)]
 pub mod spatial;
 pub mod tree;
 pub mod urdf;
+#[doc(hidden)]
 pub mod vehicle;
 pub(crate) mod vehicle_file;
 pub mod vehicles;
 
-pub use batch::World;
+pub use batch::{Breach, Reason, Stopped, World};
 pub use domain::Domain;
 pub use fleet::{Downwash, Fleet};
 pub use frame::Frame;

@@ -44,7 +44,6 @@ pub struct RigidState<S, const R: usize> {
 }
 
 /// Entries of a rigid state before the rotor speeds.
-#[doc(hidden)]
 pub const RIGID_DIM: usize = 13;
 
 impl<S: Scalar, const R: usize> RigidState<S, R> {

@@ -26,7 +26,6 @@ use autodiff::{Scalar, safe};
 
 /// Least share of its largest thrust that a command asks of a rotor: it idles at 1 % of its speed, and the slope of the
 /// command stays finite at a = −1.
-#[doc(hidden)]
 pub const LEAST_THRUST: f64 = 1e-4;
 
 /// Ω_cmd of an action a, clipped to [−1, 1], rad/s.
@@ -39,13 +38,11 @@ pub fn commanded_speed<S: Scalar>(max_speed: S, action: S) -> S {
 
 /// The action that asks for a share of the largest thrust, within [0, 1]: a = 2 T/T_max − 1.
 #[inline(always)]
-#[doc(hidden)]
 pub fn thrust_action<S: Scalar>(share: S) -> S {
     S::constant(2.0) * share - S::one()
 }
 
 /// The action that holds a speed, both in rad/s: the inverse of [`commanded_speed`] above its floor.
-#[doc(hidden)]
 pub fn holding_action(max_speed: f64, speed: f64) -> f64 {
     thrust_action((speed / max_speed).powi(2))
 }

@@ -39,6 +39,7 @@ use std::time::{Duration, Instant};
 use tasks::{EnvConfig, Space, Spec};
 
 /// What an algorithm of this kind chooses for itself.
+#[doc(hidden)]
 pub trait Kind: Send + Sync {
     /// Numbers that the actor gives for an action of `n`; of the first n tanh is the action, or its middle.
     fn n_output(&self, n: usize) -> usize;
@@ -90,6 +91,7 @@ pub trait Kind: Send + Sync {
 }
 
 /// Standard normal numbers.
+#[doc(hidden)]
 pub struct Noise<'a> {
     stream: &'a mut Stream,
     /// Numbers that stay the same for several steps, and ρ of what is drawn with them.

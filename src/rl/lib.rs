@@ -70,6 +70,7 @@
 pub mod actor_critic;
 pub mod algorithm;
 pub mod apg;
+#[doc(hidden)]
 pub mod checkpoint;
 pub(crate) mod checks;
 pub(crate) mod config;
@@ -87,11 +88,15 @@ pub(crate) mod input_scale;
 pub(crate) mod learner;
 pub mod log;
 pub(crate) mod minibatch;
+#[doc(hidden)]
 pub mod nn;
+#[doc(hidden)]
 pub mod parts;
 pub mod planner;
+#[doc(hidden)]
 pub mod policy;
 pub(crate) mod policy_controller;
+#[doc(hidden)]
 pub mod policy_io;
 pub(crate) mod policy_optimiser;
 pub mod ppo;
@@ -100,20 +105,24 @@ pub(crate) mod priorities;
 pub(crate) mod recall;
 pub mod recipes;
 pub mod refine;
+#[doc(hidden)]
 pub mod replay;
 pub(crate) mod rollout;
 pub mod runs;
 pub mod sac;
+#[doc(hidden)]
 pub mod schedule;
 pub mod search;
 pub(crate) mod sequences;
 pub mod shac;
 #[doc(hidden)]
 pub mod shards;
+#[doc(hidden)]
 pub mod state;
 pub(crate) mod target_network;
 pub mod td3;
 pub(crate) mod tensorboard;
+#[doc(hidden)]
 pub mod trainer;
 pub(crate) mod value_loss;
 pub(crate) mod value_norm;
@@ -129,5 +138,7 @@ pub use learner::{Episodes, Learner, Progress, Update};
 pub use policy::Policy;
 pub use policy_controller::PolicyController;
 pub use policy_io::load_policy;
-pub use trainer::Trainer;
+pub use replay::ReplayConfig;
+pub use schedule::Schedule;
+pub use trainer::{TrainResult, Trainer};
 pub use warm_start::WarmStart;

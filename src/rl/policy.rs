@@ -12,6 +12,7 @@ use tasks::{Env, GroupKind, Space, Spec, Statistics};
 const UNLIKE: &str = "Train by happo, by matd3 with td3.separate_actors = true, by vdn or qmix with dqn.separate_values = true, or by apg or shac.";
 
 /// Rows that go through a network together: their activations stay in the second-level cache.
+#[doc(hidden)]
 pub const ROWS: usize = 64;
 
 /// The shape of an actor: one network for all agents, or one of that shape for each.

@@ -129,26 +129,37 @@
 pub(crate) mod activity;
 pub(crate) mod any_task;
 pub(crate) mod baseline;
+#[doc(hidden)]
 pub mod bounds;
+#[doc(hidden)]
 pub mod config;
 pub(crate) mod crew;
+#[doc(hidden)]
 pub mod declare;
 #[doc(hidden)]
 pub mod env;
 pub(crate) mod evaluate;
+#[doc(hidden)]
 pub mod groups;
+#[doc(hidden)]
 pub mod observation;
 pub(crate) mod physical;
+#[doc(hidden)]
 pub mod probe;
+#[doc(hidden)]
 pub mod randomise;
 pub(crate) mod record;
 pub mod registry;
 pub mod reward;
+#[doc(hidden)]
 pub mod robot;
+#[doc(hidden)]
 pub mod settings;
 pub(crate) mod start;
+#[doc(hidden)]
 pub mod suite;
 pub(crate) mod task;
+#[doc(hidden)]
 pub mod task_spec;
 pub(crate) mod track_path;
 
@@ -166,7 +177,7 @@ pub use env::{
 pub use evaluate::{Act, EpisodeRows, Evaluation, Watched, evaluate, wilson};
 pub use groups::{Dtype, Group, GroupKind};
 pub use observation::{Stage, Statistics};
-pub use randomise::{Change, Distribution, Quantity};
+pub use randomise::{Action, Change, Distribution, Quantity, Time};
 pub use record::{Record, Recorded, Spread};
 pub use registry::BuiltIn;
 pub use robot::Robot;

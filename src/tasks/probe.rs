@@ -16,7 +16,6 @@ use base::error::Result;
 use dynamics::Effects;
 
 /// Steps until both are cut.
-#[doc(hidden)]
 pub const CUT: usize = 10;
 
 /// A vehicle in free space that nothing is asked of.

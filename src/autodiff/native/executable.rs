@@ -15,6 +15,7 @@ use std::ops::Range;
 pub const WIDEST: usize = 16;
 
 /// A row of an array: a number of each environment of a block, one number, or a number of each of eight steps.
+#[doc(hidden)]
 pub trait Row: sealed::Row {}
 
 impl Row for [f32; BLOCK] {}
@@ -26,6 +27,7 @@ mod sealed {
     use crate::program::Program;
     use std::ops::Range;
 
+    #[doc(hidden)]
     #[expect(private_interfaces, reason = "nobody outside implements or calls these")]
     pub trait Row: bytemuck::Pod {
         const ELEMENT: Element;
@@ -52,6 +54,7 @@ enum Interpreted {
 
 /// Scratch of an [`Executable`]; made once, reused without allocation.
 #[derive(Debug, Clone)]
+#[doc(hidden)]
 pub struct Work<R> {
     slots: Lines,
     interpreted: Option<(Interpreted, Vec<R>, Vec<R>)>,
@@ -77,6 +80,7 @@ pub struct Work<R> {
 /// # Ok::<(), omnidrones::error::Error>(())
 /// ```
 #[derive(Debug, Clone)]
+#[doc(hidden)]
 pub struct Executable<R> {
     program: Program,
     layout: Layout,

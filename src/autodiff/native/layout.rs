@@ -4,13 +4,16 @@ use base::error::{Error, Result};
 use std::collections::HashSet;
 
 /// Most arrays of a layout: as many as there are registers for their addresses.
+#[doc(hidden)]
 pub const MAX_ARRAYS: usize = 6;
 
 /// Most rows of an array: code reaches two gibibytes from its beginning, and a row has 256 bytes at most.
+#[doc(hidden)]
 pub const MAX_ROWS: usize = 1 << 22;
 
 /// A row of an array.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[doc(hidden)]
 pub struct Place {
     /// Which array.
     pub array: u8,
@@ -20,6 +23,7 @@ pub struct Place {
 
 /// Rows of an array that a program works on.
 #[derive(Debug)]
+#[doc(hidden)]
 pub enum Rows<'a, R> {
     /// To read arguments.
     Read(&'a [R]),
@@ -42,6 +46,7 @@ impl<R> Rows<'_, R> {
 /// A row is one number, or one of each environment. A result may be written over an argument: it is, when the argument is read for
 /// the last time.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
+#[doc(hidden)]
 pub struct Layout {
     /// Rows that an array has at least.
     n_row: Vec<u32>,

@@ -57,9 +57,11 @@ use std::fmt;
 use std::sync::{Arc, OnceLock};
 
 /// Most values of a program that becomes machine code, elementary functions counted as what they are made of.
+#[doc(hidden)]
 pub const MAX_STEPS: usize = 1 << 20;
 
 /// Most bytes of code of a process, in whole pages.
+#[doc(hidden)]
 pub const MAX_CODE: usize = 512 << 20;
 
 /// Why a program is interpreted.

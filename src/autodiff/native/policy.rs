@@ -18,7 +18,6 @@ pub(crate) const MAX_SIDE_BY_SIDE: usize = 6_000;
 
 /// What an evaluation is without machine code.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[doc(hidden)]
 pub enum Instead {
     /// Interpreted, of one point.
     Interpreted,
@@ -53,7 +52,6 @@ pub(crate) fn pays(instead: Instead, n_instruction: usize, n_evaluation: u64) ->
 
 /// Machine code that is made when so many evaluations were asked for that it pays, once, for all threads.
 #[derive(Debug)]
-#[doc(hidden)]
 pub struct OnDemand<T> {
     asked: AtomicU64,
     /// Tried, never waited for: in a process made by `fork` nobody may be there who gives it back.

@@ -9,7 +9,6 @@ type Row = [f32; BLOCK];
 
 /// A program whose arguments are the rows of a first array, in order, and whose results go to places in it and in a second one.
 #[derive(Debug)]
-#[doc(hidden)]
 pub struct InPlace {
     program: Program,
     /// Why not: results share a place, or are too far.
@@ -20,7 +19,6 @@ pub struct InPlace {
 
 /// What an [`InPlace`] needs; made once, reused without allocation.
 #[derive(Debug)]
-#[doc(hidden)]
 pub enum InPlaceWork {
     Native(Code, Lines),
     /// With the results before they go to their places.

@@ -20,20 +20,32 @@
 //! | [`failure`] | what is left of a vehicle after each loss of a rotor |
 //! | `spin` | the steady turn that carries what cannot hover at rest |
 
+#[doc(hidden)]
 pub mod active_set;
 pub(crate) mod allocator;
 pub(crate) mod articulated;
+#[doc(hidden)]
 pub mod attainable_wrench;
+#[doc(hidden)]
 pub mod batch;
+#[doc(hidden)]
 pub mod conic;
+#[doc(hidden)]
 pub mod failure;
 pub(crate) mod fast;
+#[doc(hidden)]
 pub mod function;
+#[doc(hidden)]
 pub mod gradient;
+#[doc(hidden)]
 pub mod null_space;
+#[doc(hidden)]
 pub mod prioritised;
+#[doc(hidden)]
 pub mod problem;
+#[doc(hidden)]
 pub mod pseudo_inverse;
+#[doc(hidden)]
 pub mod residual;
 mod side_by_side;
 pub(crate) mod spin;

@@ -18,20 +18,30 @@
 //! | `plan`, [`mod@tune`] | what gains are tuned on; gains by descent on flights |
 //! | `tuned_loop` | those flights: the loop over ln K, starts, plants |
 
+#[doc(hidden)]
 pub mod error_state;
+#[doc(hidden)]
 pub mod flight_grid;
+#[doc(hidden)]
 pub mod follow;
+#[doc(hidden)]
 pub mod gain_sensitivity;
 mod held_out;
+#[doc(hidden)]
 pub mod loop_model;
+#[doc(hidden)]
 pub mod lqr;
 mod margin_constraint;
+#[doc(hidden)]
 pub mod margin_gate;
 mod plan;
 pub mod riccati;
+#[doc(hidden)]
 pub mod robustness;
 mod stability;
+#[doc(hidden)]
 pub mod trim;
+#[doc(hidden)]
 pub mod tune;
 mod tuned_loop;
 
@@ -44,7 +54,7 @@ pub use lqr::{FiniteHorizon, Regulator, bryson, finite_horizon, lqi, lqi_of, lqr
 #[doc(hidden)]
 pub use margin_gate::truth;
 pub use margin_gate::{Corner, Flaw, Judgement, MarginGate};
-pub use robustness::{JudgedPlant, PlantBox, Robustness};
+pub use robustness::{JudgedPlant, PlantBox, Robustness, robustness};
 pub use stability::Stability;
 pub use trim::{Trim, TrimTarget, trim, trim_damaged, trim_from, trim_spin};
 pub use tune::{AlongReference, Descent, Evaluation, Iteration, TunePlan, Tuning, tune};

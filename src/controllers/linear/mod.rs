@@ -14,22 +14,30 @@
 //! | `dense` | eigenvalues and singular values, from faer |
 
 pub(crate) mod dense;
+#[doc(hidden)]
 pub mod disk;
+#[doc(hidden)]
 pub mod margins;
+#[doc(hidden)]
 pub mod modes;
+#[doc(hidden)]
 pub mod norms;
+#[doc(hidden)]
 pub mod response;
+#[doc(hidden)]
 pub mod sampling;
+#[doc(hidden)]
 pub mod state_space;
+#[doc(hidden)]
 pub mod structure;
 pub(crate) mod swept;
 
 pub use dense::{eigenvalues, spectral_radius};
 pub use disk::{DiskMargin, disk_margin, multiloop_disk_margin};
-pub use margins::{Crossing, Margins, margins};
+pub use margins::{Crossing, Margins, complementary, margins};
 pub use modes::{Mode, modes, poles, root_locus, zeros};
 pub use norms::{Peak, h_infinity, h2_norm};
-pub use response::{FrequencyResponse, StepFigures, frequencies, frequency_response, step_figures, step_response};
+pub use response::{FrequencyResponse, StepFigures, frequencies, frequency_response, simulate, step_figures, step_response, unwrapped};
 pub use sampling::Hold;
 pub use state_space::{Signal, StateSpace};
 pub use structure::{Hidden, NO_COUPLING, ON_CIRCLE, minimal, unobservable, unreachable};

@@ -8,8 +8,11 @@
 //!
 //! Drag of body and rotors belongs to the vehicle's equations, not here.
 
+#[doc(hidden)]
 pub mod downwash;
+#[doc(hidden)]
 pub mod ground_effect;
+#[doc(hidden)]
 pub mod wind;
 
 pub use wind::{Dryden, Sinusoid, Wind, WindState};

@@ -29,6 +29,7 @@
 
 mod connect;
 mod emit;
+#[doc(hidden)]
 pub mod group;
 pub(crate) mod join;
 pub(crate) mod placement;

@@ -35,7 +35,6 @@ impl fmt::Display for Breach {
 
 /// A [`Breach`] before it is put into words: the place among [`Plant::words`], value and limit.
 #[derive(Debug, Clone, Copy)]
-#[doc(hidden)]
 pub struct Culprit {
     pub place: u32,
     pub value: f32,

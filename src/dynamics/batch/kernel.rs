@@ -11,14 +11,11 @@ use crate::vehicle::MAX_ROTORS;
 use autodiff::{Scalar, Trace};
 
 /// Largest magnitude of a healthy state, SI units.
-#[doc(hidden)]
 pub const EXPLODED: f64 = 1e8;
 
 /// Values of the row `alive`: stepping whatever comes of it, stepping, stopped in this step, stopped earlier and listed.
 pub(crate) const HEEDLESS: f32 = 2.0;
-#[doc(hidden)]
 pub const ALIVE: f32 = 1.0;
-#[doc(hidden)]
 pub const STOPPED: f32 = 0.0;
 pub(crate) const LISTED: f32 = -1.0;
 

@@ -27,7 +27,6 @@ pub(crate) type Rows = Columns;
 
 /// Up to sixty-four environments: state, input, `alive`, and numbers of the model where they have their own.
 #[derive(Debug, Clone)]
-#[doc(hidden)]
 pub struct Block {
     /// Environments in it: the lanes behind them are padding, and registers of padding alone are not computed.
     pub occupied: usize,

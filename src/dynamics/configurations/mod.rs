@@ -25,14 +25,23 @@
 //! ```
 
 mod configuration;
+#[doc(hidden)]
 pub mod dragon;
+#[doc(hidden)]
 pub mod environment;
+#[doc(hidden)]
 pub mod gate;
+#[doc(hidden)]
 pub mod inverted_pendulum;
+#[doc(hidden)]
 pub mod omav;
+#[doc(hidden)]
 pub mod payload;
+#[doc(hidden)]
 pub mod platform;
+#[doc(hidden)]
 pub mod slung_load;
+#[doc(hidden)]
 pub mod transport;
 
 #[doc(hidden)]

@@ -111,7 +111,6 @@ pub fn distance<S: Scalar>(geometry1: &Geometry, pose1: &Pose<S>, geometry2: &Ge
 }
 
 /// Distance of a geometry at `pose` to the capsule of `radius` around the segment `axis` of the world, m.
-#[doc(hidden)]
 pub fn to_capsule<S: Scalar>(geometry: &Geometry, pose: &Pose<S>, axis: [Vec3<S>; 2], radius: f64) -> S {
     let around = S::constant(radius);
     match *geometry {

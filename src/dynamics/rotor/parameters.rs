@@ -49,7 +49,6 @@ macro_rules! rotor_parameters {
 }
 
 /// Numbers of one rotor.
-#[doc(hidden)]
 pub const N_ROTOR_PARAMETER: usize = 16;
 
 rotor_parameters! {

@@ -64,6 +64,7 @@ mod kinds;
 mod lidar;
 mod limits;
 mod mount;
+#[doc(hidden)]
 pub mod presets;
 mod reading;
 mod settings;
@@ -87,7 +88,7 @@ pub use inertial::Imu;
 pub use kinds::{KINDS, Kind, Model};
 pub use lidar::{Lidar, Pattern};
 pub use mount::Truth;
-pub use presets::Preset;
+pub use presets::{Preset, preset};
 pub use reading::Form;
 pub use settings::{SensorConfig, SensorFile};
 pub use sight::{Eyes, Sight};

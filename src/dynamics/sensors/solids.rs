@@ -20,7 +20,6 @@ pub struct Solid {
 
 /// All shapes that the bodies of a plant carry.
 #[derive(Debug, Clone, Default)]
-#[doc(hidden)]
 pub struct Solids {
     /// In the frames of their bodies.
     shapes: Vec<(usize, Shape)>,
@@ -60,7 +59,6 @@ impl Solids {
 /// A scene with the shapes of a plant's model that stand still behind its own obstacles, what that model's ground rises by, and its
 /// meshes.
 #[derive(Debug, Clone)]
-#[doc(hidden)]
 pub struct Surroundings {
     /// All of it.
     pub scene: Scene,

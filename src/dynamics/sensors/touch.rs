@@ -35,7 +35,6 @@ impl KindSettings for Contact {
 }
 
 /// Refuses a sensor of contact on a plant that touches nothing.
-#[doc(hidden)]
 pub fn check_contact(place: &str, plant: &Plant) -> Result<()> {
     if plant.tree().is_some() && plant.physics().effects.contact {
         return Ok(());

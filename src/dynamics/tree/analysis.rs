@@ -180,6 +180,7 @@ fn grip<S: Scalar, P: ParameterView<S>>(
 
 /// Two shapes, or a shape and the ground, and the signed distance between them.
 #[derive(Debug, Clone, PartialEq)]
+#[doc(hidden)]
 pub struct Separation<S> {
     /// Numbers of the shapes in [`Model::shapes`]; the second is `None` for the ground.
     pub shapes: (usize, Option<usize>),
@@ -189,6 +190,7 @@ pub struct Separation<S> {
 
 /// Signed distance of every pair of colliding shapes that may meet: on different trees, of a tree and the world or the
 /// ground, and within a tree those not joined to each other.
+#[doc(hidden)]
 pub fn separations<S: Scalar>(system: &Multibody, state: &[S]) -> Vec<Separation<S>> {
     let model = system.model();
     let shapes: Vec<usize> = (0..model.shapes().len()).filter(|i| model.shapes()[*i].collides).collect();

@@ -12,6 +12,7 @@ use base::error::{Error, Result, finite};
 use serde::{Deserialize, Serialize};
 
 /// Share of its length over which a cable goes taut.
+#[doc(hidden)]
 pub const ROUND: f64 = 2e-3;
 
 /// Where a cable ends.

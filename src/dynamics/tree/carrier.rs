@@ -8,6 +8,7 @@ use base::error::{Error, Result};
 ///
 /// # Errors
 /// [`Error::Value`] where the drone has rotors on other bodies.
+#[doc(hidden)]
 pub fn carrier(model: &Model, number: usize) -> Result<Vehicle> {
     let drone = &model.drones()[number];
     let body = &model.bodies()[drone.body];

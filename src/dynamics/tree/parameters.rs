@@ -14,6 +14,7 @@ use autodiff::Scalar;
 
 /// Physical parameters of one body and its joint, in order, and what each may be: those of an airframe but gravity, then
 /// the joint's.
+#[doc(hidden)]
 pub const LINK_PARAMETERS: [(&str, Domain); OF_BODY + JOINT_PARAMETERS.len()] = {
     let mut all = [JOINT_PARAMETERS[0]; OF_BODY + JOINT_PARAMETERS.len()];
     let mut k = 0;
@@ -42,16 +43,19 @@ const JOINT_PARAMETERS: [(&str, Domain); 14] = [
 
 /// Physical parameters of contact, in order, and what each may be.
 #[rustfmt::skip]
+#[doc(hidden)]
 pub const CONTACT_PARAMETERS: [(&str, Domain); 5] = [
     ("contact.stiffness", NonNegative), ("contact.dissipation", NonNegative), ("contact.friction", NonNegative),
     ("contact.slip_speed", Positive), ("contact.ground", AnySign),
 ];
 
 /// Physical parameters of a cable, in order, and what each may be.
+#[doc(hidden)]
 pub const CABLE_PARAMETERS: [(&str, Domain); 3] =
     [("length", Positive), ("stiffness", NonNegative), ("dissipation", NonNegative)];
 
 /// All numbers of a model.
+#[doc(hidden)]
 pub fn model_parameters(model: &Model) -> Vec<f64> {
     let mut p = vec![model.parts().gravity];
     model.bodies().iter().for_each(|b| push_body(&mut p, b));
@@ -82,6 +86,7 @@ fn push_body(p: &mut Vec<f64>, body: &Body) {
 }
 
 /// Names of the entries of [`model_parameters`]: `body.mass`, `rotor.spin`.
+#[doc(hidden)]
 pub fn model_parameter_names(model: &Model) -> Vec<String> {
     let bodies = model.bodies().iter().flat_map(|b| LINK_PARAMETERS.iter().map(|(n, _)| format!("{}.{n}", b.name)));
     let rotors = model.rotors().iter().flat_map(|r| r.rotor.parameter_names());
@@ -96,6 +101,7 @@ pub fn model_parameter_names(model: &Model) -> Vec<String> {
 }
 
 /// What each entry of [`model_parameters`] may be.
+#[doc(hidden)]
 pub fn model_parameter_domains(model: &Model) -> Vec<Domain> {
     let of = |(_, domain): &(&str, Domain)| *domain;
     let bodies = model.bodies().iter().flat_map(|_| LINK_PARAMETERS.iter().map(of));
@@ -188,7 +194,6 @@ pub(crate) const fn contact_parameters(n_body: usize, n_rotor: usize) -> usize {
 
 /// Where the position of still shape `shape` begins.
 #[inline]
-#[doc(hidden)]
 pub const fn static_parameters(n_body: usize, n_rotor: usize, shape: usize) -> usize {
     contact_parameters(n_body, n_rotor) + CONTACT_PARAMETERS.len() + 3 * shape
 }

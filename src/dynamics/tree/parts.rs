@@ -52,6 +52,7 @@ pub struct JointLimits {
 /// q with q̇_target = 0. Sampled once per integrator step and integrated implicitly: stable for any gains and step.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[doc(hidden)]
 pub struct Drive {
     /// k, N m/rad or N/m; 0 for a rate servo.
     pub stiffness: f64,
@@ -112,6 +113,7 @@ impl Joint {
 }
 
 /// The 3×3 identity.
+#[doc(hidden)]
 pub const IDENTITY: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
 /// One rigid moving body.
@@ -137,6 +139,7 @@ pub struct Body {
 /// A rotor and the body that carries it: thrust and reaction torque act on that body.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[doc(hidden)]
 pub struct MountedRotor {
     /// Number of the body.
     pub body: usize,
@@ -175,6 +178,7 @@ pub struct Frame {
 /// A shape that a body carries, or that stands still in the world, for contact and drawing.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[doc(hidden)]
 pub struct BodyShape {
     /// Number of the body; `None` for the world.
     pub body: Option<usize>,
@@ -224,6 +228,7 @@ impl Default for ContactSettings {
 /// The parts of a [`Model`](super::Model) before they are checked.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[doc(hidden)]
 pub struct ModelParts {
     /// As in the registry and in messages.
     pub name: String,

@@ -11,6 +11,7 @@ use base::error::{Error, Result};
 ///
 /// # Errors
 /// [`Error::Value`] that names the two shapes that overlap most, and by how much.
+#[doc(hidden)]
 pub fn check_start(system: &Multibody, state: &[f64]) -> Result<()> {
     if !system.physics().effects.contact {
         return Ok(());
@@ -42,6 +43,7 @@ pub fn check_start(system: &Multibody, state: &[f64]) -> Result<()> {
 ///
 /// # Errors
 /// [`Error::Value`] that names the first, its stiffness, and what acts in its place.
+#[doc(hidden)]
 pub fn check_cables(system: &Multibody) -> Result<()> {
     let most = system.topology().resolved.cables.iter().map(|most| most.stiffness);
     let stiff = system.model().cables().iter().zip(most).find(|(cable, most)| cable.stiffness > *most);
@@ -61,6 +63,7 @@ pub fn check_cables(system: &Multibody) -> Result<()> {
 ///
 /// # Errors
 /// [`Error::Value`] that names the two that are softened most, their stiffness, and what acts in its place.
+#[doc(hidden)]
 pub fn check_contact(system: &Multibody) -> Result<()> {
     let (t, parts) = (system.topology(), system.model().parts());
     if !t.effects.contact {

@@ -21,7 +21,9 @@
 //! # use omnidrones_dynamics::omnidrones;
 //! use omnidrones::dynamics::urdf::{ImportOptions, import_file};
 //!
-//! let import = import_file("assets/urdf/plain_x.urdf", &ImportOptions::default())?; // reads plain_x.rotors.toml too
+//! let file = "plain_x.urdf";
+//! # let file = "../../assets/urdf/plain_x.urdf";
+//! let import = import_file(file, &ImportOptions::default())?; // reads plain_x.rotors.toml too
 //! assert_eq!(import.vehicle.n_rotor(), 4);
 //! for warning in &import.warnings {
 //!     println!("{warning}");

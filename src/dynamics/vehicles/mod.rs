@@ -1,4 +1,4 @@
-//! Built-in vehicles: one file each in `assets/vehicles`, with a table of its constants, their sources, and every place
+//! Built-in vehicles: one file each in `src/dynamics/vehicles`, with a table of its constants, their sources, and every place
 //! where published tables disagree.
 //!
 //! To add one: write `my_drone.toml` there (`omnidrones models hummingbird --toml` prints one to start from), and give it one

@@ -50,7 +50,6 @@ mod corruption;
 mod disk;
 mod file;
 mod manifest;
-#[doc(hidden)]
 pub mod store;
 mod tensor;
 

@@ -7,7 +7,6 @@ use std::ops::{Deref, DerefMut};
 /// Whole rows of [`PAD`] numbers, the first at a line of the cache: a register that lies across two costs two accesses, and
 /// products of matrices a tenth of their speed.
 #[derive(Debug, Clone, Default, PartialEq)]
-#[doc(hidden)]
 pub struct Aligned(Vec<Line>);
 
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]

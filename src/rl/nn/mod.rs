@@ -21,7 +21,6 @@
 
 pub(crate) mod activation;
 pub(crate) mod adam;
-#[doc(hidden)]
 pub mod aligned;
 pub(crate) mod conv;
 pub(crate) mod elementwise;
@@ -37,7 +36,6 @@ mod layer_norm;
 pub(crate) mod mlp;
 pub(crate) mod network;
 pub(crate) mod per_agent;
-#[doc(hidden)]
 pub mod product;
 pub(crate) mod set;
 pub(crate) mod stack;

@@ -17,7 +17,6 @@ pub(crate) const fn padded(n: usize) -> usize {
 
 /// A of a product, m × k.
 #[derive(Clone, Copy)]
-#[doc(hidden)]
 pub enum Left<'a> {
     /// Row i begins at `i · stride`.
     Rows(&'a [f32], usize),
@@ -27,7 +26,6 @@ pub enum Left<'a> {
 
 /// What C holds before the sum.
 #[derive(Clone, Copy)]
-#[doc(hidden)]
 pub enum Begin<'a> {
     /// This row in every row.
     With(&'a [f32]),
@@ -38,7 +36,6 @@ pub enum Begin<'a> {
 }
 
 /// C (m × n) ← begin + A (m × k) · B (k × n); `n` a multiple of [`PAD`], B and C without gaps.
-#[doc(hidden)]
 pub fn product(a: Left<'_>, b: &[f32], begin: Begin<'_>, c: &mut [f32], (m, k, n): (usize, usize, usize)) {
     debug_assert!(n.is_multiple_of(PAD) && b.len() >= k * n && c.len() >= m * n);
     dispatch(Product { a, b, begin, c, m, k, n });

@@ -34,7 +34,6 @@
 pub(crate) mod begin;
 pub(crate) mod block;
 pub(crate) mod buffers;
-#[doc(hidden)]
 pub mod check;
 pub(crate) mod control;
 pub(crate) mod core;

@@ -108,5 +108,4 @@ impl Env {
 }
 
 /// Under a normaliser's variances.
-#[doc(hidden)]
 pub const VARIANCE_FLOOR: f64 = 1e-8;

@@ -322,7 +322,7 @@ fn all_forms() -> String {
 
 #[test]
 fn every_form_of_every_instruction_has_its_bytes() {
-    let golden = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("src/autodiff/native/tests/forms.txt");
+    let golden = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("native/tests/forms.txt");
     let now = all_forms();
     if std::env::var_os("OMNIDRONES_WRITE_GOLDEN").is_some() {
         std::fs::write(&golden, &now).unwrap();

@@ -35,7 +35,9 @@
 mod cull;
 mod hit;
 mod meshes;
+#[doc(hidden)]
 pub mod normal;
+#[doc(hidden)]
 pub mod packets;
 mod pattern;
 mod pieces;
@@ -43,10 +45,12 @@ mod pieces;
 mod reference;
 #[cfg(test)]
 mod tests;
+#[doc(hidden)]
 pub mod tiles;
 mod uneven;
 #[cfg(test)]
 mod uneven_tests;
+#[doc(hidden)]
 pub mod world;
 
 pub use packets::Rays;
