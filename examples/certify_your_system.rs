@@ -3,7 +3,7 @@
 //!
 //! `cargo run --release --example certify_your_system`
 
-use omnidrones::autodiff::certificate::{Bounds, require};
+use omnidrones::autodiff::certificate::{CertificateBounds, require};
 use omnidrones::error::Result;
 use omnidrones::prelude::*;
 
@@ -39,7 +39,7 @@ fn main() -> Result<()> {
     for guarded in [true, false] {
         for state in [[0.4, 1.5], [0.4, 0.0]] {
             let certificate = certify(&Pendulum { guarded }, &state, &torque, &theta)?;
-            let verdict = match require(&certificate, Bounds::default()) {
+            let verdict = match require(&certificate, CertificateBounds::default()) {
                 Ok(()) => "holds",
                 Err(_) => "is refused",
             };

@@ -17,7 +17,7 @@ fn main() -> Result<()> {
     let physics = Physics { dt: 0.004, effects, ..Physics::default() };
     let drone = vehicles::by_name("hummingbird")?;
     let plant = Plant::of_vehicle(&drone, physics)?;
-    let own = Running::of(own_controller::Own::new(&drone, drone.mass_properties().mass)?);
+    let own = LawController::of(own_controller::Own::new(&drone, drone.mass_properties().mass)?);
     let system = ClosedLoop::new(plant, own)?.with_latency(2)?.with_physics();
     let [mass, center] = [system.parameter("mass")?, system.parameter("center_of_mass_x")?];
     let lift: Vec<usize> = drone

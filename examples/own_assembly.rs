@@ -4,7 +4,7 @@
 
 use omnidrones::controllers::reference::Circle;
 use omnidrones::controllers::{Setup, default_controller};
-use omnidrones::dynamics::assembly::{Assembly, Join, Kind, Solid};
+use omnidrones::dynamics::assembly::{Assembly, JointKind, JointSpec, Solid};
 use omnidrones::dynamics::tree::{Multibody, frame_pose};
 use omnidrones::error::Result;
 use omnidrones::prelude::*;
@@ -16,9 +16,9 @@ fn main() -> Result<()> {
         let (rope, lamp) = (format!("rope_{side}"), format!("lamp_{side}"));
         robot.part(&rope, Solid::bar([0.0; 3], [0.0, 0.0, -0.4], 0.004).mass(0.005));
         robot.part(&lamp, Solid::sphere(0.03).mass(0.05));
-        let cardan = Kind::Universal([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]);
-        robot.join(Join::new(format!("swing_{side}"), cardan, "drone", &rope).at([0.0, y, -0.05]).damping(2e-4));
-        robot.join(Join::new(format!("knot_{side}"), Kind::Fixed, rope, lamp).at([0.0, 0.0, -0.4]));
+        let cardan = JointKind::Universal([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]);
+        robot.join(JointSpec::new(format!("swing_{side}"), cardan, "drone", &rope).at([0.0, y, -0.05]).damping(2e-4));
+        robot.join(JointSpec::new(format!("knot_{side}"), JointKind::Fixed, rope, lamp).at([0.0, 0.0, -0.4]));
     }
     let model = robot.model()?;
     println!(

@@ -33,7 +33,7 @@ impl ControlLaw for Own {
         Some(250.0)
     }
 
-    fn tick<S: Scalar>(&self, now: &Moment<'_, S>, _memory: &mut [S], commands: &mut [S]) {
+    fn tick<S: Scalar>(&self, now: &LawInput<'_, S>, _memory: &mut [S], commands: &mut [S]) {
         let (own, wanted, c) = (now.kinematics(), now.sample(), S::constant);
         let mut force = wanted.acceleration;
         for i in 0..3 {
@@ -62,7 +62,7 @@ fn main() -> Result<()> {
     let alone = (Plant::of_vehicle(&drone, physics)?, drone.mass_properties().mass);
     let laden = (Plant::of_model(&payload, physics)?, payload.mass());
     for (plant, mass) in [alone, laden] {
-        let flight = fly(&plant, &mut Running::of(Own::new(&drone, mass)?), &plan, &mut |_| {})?;
+        let flight = fly(&plant, &mut LawController::of(Own::new(&drone, mass)?), &plan, &mut |_| {})?;
         println!("{}: RMSE {:.1} mm after 2 s", plant.name(), 1e3 * flight.log.rmse(2.0).unwrap_or(f64::NAN));
         assert_eq!(flight.lost(), None);
     }

@@ -68,7 +68,7 @@
 //! - **Determinism.** The result of an environment in a [`World`](dynamics::World) or an [`Env`](tasks::Env) is bit-identical
 //!   for any number of threads, any batch size and any place in the batch; so is what follows a saved state.
 //! - **Containment.** A NaN action or a diverging state stops a vehicle of a [`World`](dynamics::World) with a
-//!   [reason](dynamics::batch::Reason) and changes no bit of its neighbours. In an [`Env`](tasks::Env) such an action flies
+//!   [reason](dynamics::batch::StopReason) and changes no bit of its neighbours. In an [`Env`](tasks::Env) such an action flies
 //!   the safe command and is counted, and such a state ends the episode.
 //! - **No panic on data.** Files, configurations, names and sizes give an [`Error`](error::Error) that names the value,
 //!   the limit and the remedy; a hundred thousand mutated URDF files are part of the test suite. Functions that panic on

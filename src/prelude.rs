@@ -4,7 +4,7 @@
 //! |---|---|
 //! | bodies | [`Vehicle`], [`vehicles`], [`configurations`], [`Physics`], [`Disturbance`], [`Plant`], [`Multirotor`], [`World`] |
 //! | flights | [`fly`], [`fly_vehicle`], [`FlightPlan`], [`Flight`], [`Reference`], [`ClosedLoop`], [`Rates`] |
-//! | a controller of one's own | [`Controller`] with [`Measurement`] and [`Target`]; straight-line ones: [`ControlLaw`], [`Moment`], [`Running`] |
+//! | a controller of one's own | [`Controller`] with [`Measurement`] and [`Target`]; straight-line ones: [`ControlLaw`], [`LawInput`], [`LawController`] |
 //! | derivatives | [`Scalar`], [`safe`], [`System`], [`linearise`], [`Rollout`], [`certify`] |
 //! | environments | [`Env`], [`EnvConfig`], [`Buffers`], [`SingleEnv`] |
 //! | a task of one's own | [`Task`] with [`Robot`], [`View`], [`Start`], [`Writer`], [`Ends`]; over [`Trace`], [`TraceMask`]; [`Array`] of their slices |
@@ -22,8 +22,8 @@ pub use base::parallel::Threads;
 #[doc(no_inline)]
 #[doc(no_inline)]
 pub use controllers::{
-    ClosedLoop, ControlLaw, Controller, Flight, FlightPlan, Measurement, Moment, Rates, Reference, Running, Target,
-    fly, fly_vehicle,
+    ClosedLoop, ControlLaw, Controller, Flight, FlightPlan, LawController, LawInput, Measurement, Rates, Reference,
+    Target, fly, fly_vehicle,
 };
 #[doc(no_inline)]
 #[doc(no_inline)]

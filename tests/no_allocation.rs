@@ -7,7 +7,7 @@
 mod common;
 
 use num_dual::Dual64;
-use omnidrones::autodiff::rollout::Scratch;
+use omnidrones::autodiff::rollout::RolloutScratch;
 use omnidrones::autodiff::{
     CompiledJacobian, CustomFunction, Gradient, JacobianScratch, Objective, Operation, Program, Recording, Rollout,
     Scalar, System, Trace, jacobian,
@@ -17,7 +17,7 @@ use omnidrones::controllers::kinematics::Kinematics;
 use omnidrones::controllers::reference::Setpoint;
 use omnidrones::controllers::{Cascade, Measurement, Reference, Setup, Target, default_controller, start_on};
 use omnidrones::dynamics::configurations::REGISTRY;
-use omnidrones::dynamics::sensors::{Aboard, SensorConfig, presets};
+use omnidrones::dynamics::sensors::{OnboardSensors, SensorConfig, presets};
 use omnidrones::dynamics::tree::Multibody;
 use omnidrones::dynamics::{Effects, Multirotor, Physics, Plant, World, configurations, vehicles};
 use omnidrones::error::Result;
@@ -231,7 +231,7 @@ fn sensors_read_without_allocating() {
         Plant::of_vehicle(&vehicles::hummingbird(), Physics::default()).unwrap(),
         Plant::of_model(&model, Physics::default()).unwrap(),
     ] {
-        let mut sensors = Aboard::new(&list, &plant).unwrap();
+        let mut sensors = OnboardSensors::new(&list, &plant).unwrap();
         let state = plant.hover_state().unwrap();
         sensors.read(&state, &state);
         let count = allocations(|| {
@@ -409,7 +409,7 @@ fn gradients_grow_with_the_root_of_the_horizon() {
     let held = |horizon: usize| {
         let inputs = u.repeat(horizon);
         let mut gradient = Gradient { state: vec![0.0; n], inputs: Vec::new(), parameters: Vec::new() };
-        let mut scratch: Option<Scratch> = None;
+        let mut scratch: Option<RolloutScratch> = None;
         let most = peak(|| {
             let mut own = rollout.scratch();
             rollout.gradient_into(&mut own, &x, &inputs, &[], &mut gradient);

@@ -9,7 +9,7 @@ use crate::settings;
 use omnidrones::error::Error;
 use omnidrones::layers::Layer;
 use omnidrones::parallel::Threads;
-use omnidrones::tasks::registry::{self, Entry};
+use omnidrones::tasks::registry::{self, TaskEntry};
 use omnidrones::tasks::{Env, EnvConfig, Statistics, StepOut};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
@@ -106,7 +106,7 @@ fn seed_of(given: &Bound<'_, PyAny>) -> PyResult<u64> {
 
 /// The configuration of a call for a task.
 pub fn config_of(
-    entry: &Entry,
+    entry: &TaskEntry,
     num_envs: Option<usize>,
     config: Option<&Bound<'_, PyAny>>,
     seed: Option<&Bound<'_, PyAny>>,
@@ -126,7 +126,13 @@ pub fn config_of(
 
 impl VecEnv {
     /// Environments of a configuration that is whole.
-    fn made(py: Python<'_>, entry: &Entry, config: &EnvConfig, n_thread: Option<usize>, ring: usize) -> PyResult<Self> {
+    fn made(
+        py: Python<'_>,
+        entry: &TaskEntry,
+        config: &EnvConfig,
+        n_thread: Option<usize>,
+        ring: usize,
+    ) -> PyResult<Self> {
         if !(1..=MOST_SETS).contains(&ring) {
             let remedy = "2 keep the observation before a step, 1 saves memory.";
             return Err(Error::limit("ring", ring, format!("1 to {MOST_SETS}"), remedy)).or_raise();

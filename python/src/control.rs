@@ -9,7 +9,7 @@ use omnidrones::controllers::allocation::{Allocator, PrioritisedAllocator, Probl
 use omnidrones::controllers::design::{self, ErrorState, TrimTarget, TunePlan};
 use omnidrones::controllers::linear::{self, Signal};
 use omnidrones::controllers::registry::{Setup, controller};
-use omnidrones::controllers::{self, FlightPlan, Judgement, RotorFailure, default_controller, judge};
+use omnidrones::controllers::{self, FlightCheck, FlightPlan, RotorFailure, default_controller, judge};
 use omnidrones::dynamics::urdf::{ImportOptions, import_file};
 use omnidrones::dynamics::{self, Disturbance, Gains, Physics, Plant, configurations, vehicles};
 use omnidrones::error::Error;
@@ -198,7 +198,7 @@ pub fn gains_of(given: Option<&Bound<'_, PyMapping>>) -> PyResult<Option<Gains>>
 pub struct Flight {
     flight: controllers::Flight,
     n_state: usize,
-    judgement: Judgement,
+    judgement: FlightCheck,
 }
 
 #[pymethods]

@@ -5,7 +5,7 @@ use crate::error::{OrRaise, unexpected};
 use crate::rows::{array, read, slice};
 use crate::settings;
 use nalgebra::{Complex, DMatrix};
-use omnidrones::controllers::design::{self as library, ErrorState, LoopModel, Point, TrimTarget};
+use omnidrones::controllers::design::{self as library, AnalysisPoint, ErrorState, LoopModel, TrimTarget};
 use omnidrones::controllers::linear::Signal;
 use omnidrones::controllers::reference::{Hover, Reference};
 use omnidrones::controllers::{ClosedLoop, Target};
@@ -108,7 +108,7 @@ impl Design {
                 let point = self.point(name)?;
                 Table::try_from(py.detach(|| self.model.margins(point)).or_raise()?)
             }
-            None => Table::try_from(py.detach(|| self.model.disk_margin(Point::Commands, 0.0)).or_raise()?),
+            None => Table::try_from(py.detach(|| self.model.disk_margin(AnalysisPoint::Commands, 0.0)).or_raise()?),
         };
         settings::dict(py, &table.map_err(unexpected)?)
     }
@@ -141,11 +141,11 @@ impl Design {
         self.model.commands.iter().chain(&self.model.measurements)
     }
 
-    fn point(&self, name: &str) -> PyResult<Point> {
+    fn point(&self, name: &str) -> PyResult<AnalysisPoint> {
         let n = self.model.commands.len();
         match self.signals().position(|signal| signal.name == name) {
-            Some(k) if k < n => Ok(Point::Command(k)),
-            Some(k) => Ok(Point::Measurement(k - n)),
+            Some(k) if k < n => Ok(AnalysisPoint::Command(k)),
+            Some(k) => Ok(AnalysisPoint::Measurement(k - n)),
             None => {
                 Err(Error::Unknown { kind: "point of the loop", name: name.into(), known: self.points() }).or_raise()
             }

@@ -8,7 +8,7 @@ use omnidrones::error::Error;
 use omnidrones::rl::nn::Head;
 use omnidrones::rl::recipes::recipes_of;
 use omnidrones::rl::{self, TrainConfig, Trainer};
-use omnidrones::tasks::registry::{self, Entry};
+use omnidrones::tasks::registry::{self, TaskEntry};
 use omnidrones::tasks::{self, Autoreset, Env, EnvConfig, EpisodeActivity, EpisodeRows, Evaluation, Spec, Statistics};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
@@ -348,7 +348,7 @@ struct Shard {
 
 impl Shard {
     /// One episode per environment from its starts, whatever training does.
-    fn env(&self, entry: &Entry, config: EnvConfig) -> Result<Env, Error> {
+    fn env(&self, entry: &TaskEntry, config: EnvConfig) -> Result<Env, Error> {
         entry.env(&EnvConfig {
             n_env: self.num_envs,
             seed: self.seed,
@@ -365,7 +365,7 @@ fn judged(
     name: Option<&str>,
     config: Option<&Bound<'_, PyAny>>,
     settings: Option<&Bound<'_, PyDict>>,
-) -> PyResult<(&'static Entry, EnvConfig)> {
+) -> PyResult<(&'static TaskEntry, EnvConfig)> {
     let own = policy.cast::<Policy>().ok().map(|own| own.try_borrow()).transpose()?;
     let Some(task) = name.or_else(|| own.as_ref().map(|own| own.task.as_str())) else {
         return Err(pyo3::exceptions::PyTypeError::new_err("name is missing: a callable does not know its task."));

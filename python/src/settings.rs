@@ -7,7 +7,7 @@ use omnidrones::error::Error;
 use omnidrones::layers::{self, Layer};
 use omnidrones::tasks::EnvConfig;
 use omnidrones::tasks::config::TILTING;
-use omnidrones::tasks::registry::Entry;
+use omnidrones::tasks::registry::TaskEntry;
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyList, PyMapping, PySequence, PyString};
@@ -135,7 +135,7 @@ pub fn layer(given: &Bound<'_, PyAny>) -> PyResult<Layer> {
 /// The layers of a call: its `config`, then its keywords. Settings of the task may be given as if they were the
 /// environment's; `vehicle` may be a [`Vehicle`] or a file.
 pub fn layers(
-    entry: &Entry,
+    entry: &TaskEntry,
     config: Option<&Bound<'_, PyAny>>,
     keywords: Option<&Bound<'_, PyDict>>,
     foreign: &[String],
@@ -189,7 +189,7 @@ fn is_file(named: &str) -> bool {
     !known && (named.contains(['/', '\\']) || Path::new(named).extension().is_some())
 }
 
-fn task_settings(entry: &Entry) -> Result<Vec<String>, Error> {
+fn task_settings(entry: &TaskEntry) -> Result<Vec<String>, Error> {
     let env = entry.env(&EnvConfig { n_env: 1, ..EnvConfig::default() })?;
     Ok(env.task_spec().settings.iter().map(|setting| setting.key.clone()).collect())
 }

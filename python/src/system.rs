@@ -6,7 +6,7 @@ use crate::error::{OrRaise, Said, interruptible};
 use crate::rows::{Rows, array, read, slice};
 use omnidrones::autodiff::{self, Gradient, Objective, Rollout, Scalar};
 use omnidrones::controllers::allocation::{self, Problem};
-use omnidrones::controllers::law::{RecordedLaw, Running};
+use omnidrones::controllers::law::{LawController, RecordedLaw};
 use omnidrones::controllers::reference::Reference;
 use omnidrones::controllers::registry::{Setup, controller};
 use omnidrones::controllers::{ClosedLoop, FlightPlan, Target, default_controller, start_on};
@@ -262,7 +262,7 @@ impl System {
 /// The state is the plant's, then the controller's memory and its commands under way; parameters are the plant's physical numbers (SI),
 /// then the controller's gains: `parameter_names`. The controller goes on believing the nominal physical numbers.
 #[pyclass(module = "omnidrones", frozen, extends = System)]
-pub struct Loop(ClosedLoop<Running<RecordedLaw>>);
+pub struct Loop(ClosedLoop<LawController<RecordedLaw>>);
 
 #[pymethods]
 impl Loop {
@@ -294,7 +294,8 @@ impl Loop {
                 };
                 return Err(Error::value("controller", own.name(), "a law over any scalar", remedy));
             };
-            let closed = ClosedLoop::new(plant, Running::of(law))?.with_latency(latency)?.with_physics().with_gains();
+            let closed =
+                ClosedLoop::new(plant, LawController::of(law))?.with_latency(latency)?.with_physics().with_gains();
             let nominal = closed.parameters();
             Ok((System::of(closed.clone(), nominal)?, closed))
         };

@@ -31,7 +31,7 @@ use std::fmt;
 with_defaults! {
     /// What a certificate may not exceed.
     #[derive(Debug, Clone, Copy, PartialEq)]
-    pub struct Bounds {
+    pub struct CertificateBounds {
         /// Adjoint against duals, relative to max(1, ‖column‖).
         pub adjoint: f64 = 1e-10,
         /// Duals against central differences, relative to max(1, ‖column‖).
@@ -63,7 +63,7 @@ pub struct Certificate {
 
 impl Certificate {
     /// Whether all three agree within `bounds`.
-    pub fn holds(&self, bounds: Bounds) -> bool {
+    pub fn holds(&self, bounds: CertificateBounds) -> bool {
         self.adjoint_error <= bounds.adjoint
             && self.difference_error <= bounds.difference
             && self.value_error <= 1e-12
@@ -176,7 +176,7 @@ fn by_adjoint<F: system::System>(system: &F, point: &[f64]) -> Result<(Vec<f64>,
 
 /// Steps of differences, in fractions of max(|z|, 1e-3): entries of 1e-9 stand beside zeros of unknown size.
 const STEPS: [f64; 9] = [1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9];
-/// What a difference may predict of its own error to count, relative to max(1, ‖column‖∞): a twentieth of [`Bounds`].
+/// What a difference may predict of its own error to count, relative to max(1, ‖column‖∞): a twentieth of [`CertificateBounds`].
 const PREDICTED: f64 = 5e-9;
 
 /// Slopes along one entry of a point over [`STEPS`], by differences.
@@ -340,7 +340,7 @@ impl Sides {
 ///
 /// # Errors
 /// [`Error::Value`] with the certificate's text.
-pub fn require(certificate: &Certificate, bounds: Bounds) -> Result<()> {
+pub fn require(certificate: &Certificate, bounds: CertificateBounds) -> Result<()> {
     if certificate.holds(bounds) {
         return Ok(());
     }

@@ -4,7 +4,7 @@ use super::Scalar;
 use super::program::{Program, Workspace};
 use super::sweep::{RowsScratch, Sweep};
 use super::system::System;
-use super::trace::chain::Price;
+use super::trace::chain::EdgeCost;
 use super::trace::{Recording, Trace};
 use base::error::Result;
 use nalgebra::{DMatrix, DVector};
@@ -116,7 +116,7 @@ enum Way {
 }
 
 /// Measured best; a vehicle and a tree differ by a twentieth at most between 0.7 and 1.2, 1 and 2.
-const PRICE: Price = Price { product: 1.0, vertex: 1.5, few: 24 };
+const PRICE: EdgeCost = EdgeCost { product: 1.0, vertex: 1.5, few: 24 };
 
 impl CompiledJacobian {
     /// Records the step of a system and compiles its Jacobian with respect to [x; u; θ].

@@ -73,7 +73,8 @@ impl System for Quadrotor {
         4
     }
     fn step<S: Scalar>(&self, x: &[S], u: &[S], _: &[S], next: &mut [S]) {
-        let moved = |rate: &[S], dt: f64| -> Vec<S> { x.iter().zip(rate).map(|(x, r)| *x + S::constant(dt) * *r).collect() };
+        let moved =
+            |rate: &[S], dt: f64| -> Vec<S> { x.iter().zip(rate).map(|(x, r)| *x + S::constant(dt) * *r).collect() };
         let k1 = self.derivative(x, u);
         let k2 = self.derivative(&moved(&k1, DT / 2.0), u);
         let k3 = self.derivative(&moved(&k2, DT / 2.0), u);

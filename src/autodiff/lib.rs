@@ -58,7 +58,7 @@ pub mod unrolled;
 
 pub use array::Array;
 pub use batch_rollout::{BatchGradient, BatchRollout};
-pub use certificate::{Bounds, Certificate, certify};
+pub use certificate::{Certificate, CertificateBounds, certify};
 pub use custom::{CustomFunction, Operation, Points};
 pub use derivative::{CompiledJacobian, JacobianScratch, Linearisation, jacobian, linearise};
 pub use jet::Jet;

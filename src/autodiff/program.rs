@@ -17,15 +17,15 @@ mod value;
 #[doc(hidden)]
 pub use self::in_place::{InPlace, InPlaceWork};
 pub(crate) use self::value::Tape;
-pub use self::value::{Action, CallOf, Callee, Instruction, Op, Source, Split, Value, ValueForm};
+pub use self::value::{CallOf, Callee, Instruction, InstructionKind, Op, Source, Split, Value, ValueForm};
 pub use super::columns::BLOCK;
 
 use self::runs::{Neutral, Run};
 use super::columns::{Columns, LINE, Lines};
 use super::custom::{Operation, Scratch};
 use super::lanes::dispatch;
-use super::native::policy::{Instead, OnDemand};
-use super::native::{self, Code, Layout, Row, Rows, WhyInterpreted, in_standard_modes};
+use super::native::policy::{Fallback, OnDemand};
+use super::native::{self, Code, Row, RowLayout, Rows, WhyInterpreted, in_standard_modes};
 use super::once::made_once;
 use super::scalar::Scalar;
 use super::trace::Recording;
@@ -281,7 +281,7 @@ impl Program {
     }
 
     fn made_code<R: Row>(&self) -> std::result::Result<Code, WhyInterpreted> {
-        native::code::<R>(&self.arranged, &Layout::apart(self.n_input(), self.n_output()))
+        native::code::<R>(&self.arranged, &RowLayout::apart(self.n_input(), self.n_output()))
     }
 
     fn native_workspace(&self, code: Code) -> Workspace {
@@ -330,7 +330,7 @@ impl Program {
     /// The same; nothing where it would interpret.
     pub(crate) fn native_workspace_for(&self, n_evaluation: u64) -> Option<Workspace> {
         let place = &self.codes.single;
-        let code = place.ask(Instead::Interpreted, self.len(), n_evaluation, || self.made_code::<f64>())?;
+        let code = place.ask(Fallback::Interpreted, self.len(), n_evaluation, || self.made_code::<f64>())?;
         Some(self.native_workspace(code))
     }
 
@@ -375,7 +375,7 @@ impl Program {
     /// As [`Program::block_workspace`] where so many evaluations, with those that were asked for before, are worth the code.
     pub(crate) fn block_workspace_for(&self, n_evaluation: u64) -> BlockWorkspace {
         let (place, make) = (&self.codes.block, || self.made_code::<[f32; BLOCK]>());
-        let code = place.ask(Instead::InterpretedBlock, self.len(), n_evaluation, make);
+        let code = place.ask(Fallback::InterpretedBlock, self.len(), n_evaluation, make);
         code.map_or_else(|| self.interpreter_block_workspace(), |code| self.native_block_workspace(code))
     }
 
@@ -520,12 +520,12 @@ impl ValueForm {
         values.reserve_exact(self.n_value() - values.len());
         for instruction in self.instructions() {
             match instruction.action {
-                Action::Op(Op::SinCos, [a, ..]) => values.extend(<[S; 2]>::from(values[a.index()].sin_cos())),
-                Action::Op(op, operands) => {
+                InstructionKind::Op(Op::SinCos, [a, ..]) => values.extend(<[S; 2]>::from(values[a.index()].sin_cos())),
+                InstructionKind::Op(op, operands) => {
                     let [a, b, c, d] = operands.map(|value| values[value.index()]);
                     values.push(apply(op, a, b, c, d));
                 }
-                Action::Call(number) => {
+                InstructionKind::Call(number) => {
                     let CallOf { callee, operands } = &self.calls()[number];
                     let x: Vec<S> = operands.iter().map(|value| values[value.index()]).collect();
                     let mut y = vec![S::zero(); callee.n_output()];

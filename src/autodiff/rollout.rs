@@ -8,12 +8,12 @@
 //! kept at every √T-th step only and recomputed within (Griewank 1992), so memory grows with √T and the rollout runs twice.
 
 use super::columns::{LINE, Lines};
-use super::native::policy::{Instead, OnDemand};
-use super::native::{Code, Layout, Place, Rows, WhyInterpreted, code};
+use super::native::policy::{Fallback, OnDemand};
+use super::native::{Code, Place, RowLayout, Rows, WhyInterpreted, code};
 use super::program::{Program, Workspace};
 use super::sweep::{Pulled, StepsCode, StepsCodeScratch, StepsScratch, Sweep};
 use super::system::{Objective, System};
-use super::trace::chain::Price;
+use super::trace::chain::EdgeCost;
 use super::trace::{Recording, Trace};
 use super::{Scalar, trace};
 use base::error::{Error, Result};
@@ -92,7 +92,7 @@ enum Adjoint {
 /// Memory of a reverse sweep; made once, reused without allocation for horizons up to the longest seen, but for the one time that
 /// machine code is made: after about 1500 steps of a rollout, whoever asked for them.
 #[derive(Debug, Clone)]
-pub struct Scratch {
+pub struct RolloutScratch {
     /// States at the start of each segment.
     anchors: Vec<f64>,
     /// States within one segment.
@@ -185,7 +185,7 @@ const LENGTHS: &str = "lengths of state, parameters, inputs";
 const KEPT: usize = 1 << 20;
 
 /// Partial derivatives are multiplied for eight steps side by side, the sweep goes step by step.
-const PRICE: Price = Price { product: 0.4, vertex: 2.0, few: 24 };
+const PRICE: EdgeCost = EdgeCost { product: 0.4, vertex: 2.0, few: 24 };
 
 /// Steps per segment for a horizon of T and states of n numbers: all where they fit, else ⌈√T⌉.
 fn segment_length(horizon: usize, n: usize) -> usize {
@@ -198,7 +198,7 @@ fn root(horizon: usize) -> usize {
     horizon.isqrt() + usize::from(horizon.isqrt().pow(2) < horizon)
 }
 
-impl Scratch {
+impl RolloutScratch {
     /// Bytes held.
     pub fn bytes(&self) -> usize {
         let numbers = self.anchors.capacity()
@@ -252,9 +252,9 @@ impl<F: System, C: Objective> Rollout<F, C> {
     }
 
     /// Memory for [`Rollout::gradient_into`].
-    pub fn scratch(&self) -> Scratch {
+    pub fn scratch(&self) -> RolloutScratch {
         let (n, m, p) = self.sizes();
-        Scratch {
+        RolloutScratch {
             anchors: Vec::new(),
             segment: Vec::new(),
             longest: 0,
@@ -353,7 +353,7 @@ impl<F: System, C: Objective> Rollout<F, C> {
     /// As [`Rollout::cost`], and if a buffer has the wrong length.
     pub fn gradient_into(
         &self,
-        scratch: &mut Scratch,
+        scratch: &mut RolloutScratch,
         state: &[f64],
         inputs: &[f64],
         parameters: &[f64],
@@ -369,7 +369,7 @@ impl<F: System, C: Objective> Rollout<F, C> {
     /// As [`Rollout::gradient_into`].
     pub fn gradient_while(
         &self,
-        scratch: &mut Scratch,
+        scratch: &mut RolloutScratch,
         state: &[f64],
         inputs: &[f64],
         parameters: &[f64],
@@ -391,7 +391,7 @@ impl<F: System, C: Objective> Rollout<F, C> {
     fn gradient_by(
         &self,
         segment: usize,
-        scratch: &mut Scratch,
+        scratch: &mut RolloutScratch,
         (state, inputs, parameters): (&[f64], &[f64], &[f64]),
         gradient: &mut Gradient,
         goes_on: &mut dyn FnMut() -> bool,
@@ -429,7 +429,7 @@ impl<F: System, C: Objective> Rollout<F, C> {
     /// Runs the rollout, keeps the start of each segment and the whole of the last; returns Σ c.
     fn sweep_forward(
         &self,
-        w: &mut Scratch,
+        w: &mut RolloutScratch,
         segment: usize,
         (state, inputs, theta): (&[f64], &[f64], &[f64]),
         goes_on: &mut dyn FnMut() -> bool,
@@ -455,7 +455,7 @@ impl<F: System, C: Objective> Rollout<F, C> {
     }
 
     /// From the state at `x` in the segment the one behind it; returns c.
-    fn step_forward(&self, w: &mut Scratch, x: usize, u: &[f64], theta: &[f64]) -> f64 {
+    fn step_forward(&self, w: &mut RolloutScratch, x: usize, u: &[f64], theta: &[f64]) -> f64 {
         let n = self.system.n_state();
         let states = &mut w.segment[x..x + 2 * n];
         if let Some(forward) = &mut w.forward {
@@ -467,7 +467,7 @@ impl<F: System, C: Objective> Rollout<F, C> {
     }
 
     /// Machine code into `scratch`, where so many steps, with those that were asked for before, are worth it.
-    fn ask_for_code(&self, w: &mut Scratch, n_step: u64) {
+    fn ask_for_code(&self, w: &mut RolloutScratch, n_step: u64) {
         let sizes @ [n, m, p] = self.sizes().into();
         if w.forward.as_ref().is_none_or(|forward| !Arc::ptr_eq(&forward.of, &self.codes)) {
             w.forward = self.codes.forward(sizes, n_step);
@@ -480,7 +480,7 @@ impl<F: System, C: Objective> Rollout<F, C> {
             }
             (Adjoint::Chain(sweep), step) => {
                 let make = || StepsCode::new(sweep, sizes);
-                let Some(made) = self.codes.backward.ask(Instead::Swept, sweep.len(), n_step, make) else {
+                let Some(made) = self.codes.backward.ask(Fallback::Swept, sweep.len(), n_step, make) else {
                     assert!(!matches!(step, StepScratch::Code { .. }), "scratch of the rollout");
                     return;
                 };
@@ -494,7 +494,7 @@ impl<F: System, C: Objective> Rollout<F, C> {
     }
 
     /// λ_T into `gradient.state`, ∂c_T/∂θ into `gradient.parameters`; returns c_T.
-    fn start_backward(&self, w: &mut Scratch, theta: &[f64], gradient: &mut Gradient) -> f64 {
+    fn start_backward(&self, w: &mut RolloutScratch, theta: &[f64], gradient: &mut Gradient) -> f64 {
         let (n, _, p) = self.sizes();
         let cost = self.objective.terminal(&w.results[..n], theta);
         w.arguments[..n].copy_from_slice(&w.results[..n]);
@@ -507,7 +507,7 @@ impl<F: System, C: Objective> Rollout<F, C> {
     }
 
     /// States of segment `s` again, from its anchor.
-    fn refill(&self, w: &mut Scratch, s: usize, inputs: &[f64], theta: &[f64]) {
+    fn refill(&self, w: &mut RolloutScratch, s: usize, inputs: &[f64], theta: &[f64]) {
         let (n, m, _) = self.sizes();
         w.segment[..n].copy_from_slice(&w.anchors[s * n..(s + 1) * n]);
         for (k, u) in inputs.chunks_exact(m).enumerate() {
@@ -516,7 +516,7 @@ impl<F: System, C: Objective> Rollout<F, C> {
     }
 
     /// θ into the points of all steps.
-    fn write_parameters(&self, w: &mut Scratch, theta: &[f64]) {
+    fn write_parameters(&self, w: &mut RolloutScratch, theta: &[f64]) {
         if let StepScratch::Chain { points, .. } | StepScratch::Code { points, .. } = &mut w.step {
             let from = points.len() - theta.len();
             points[from..].iter_mut().zip(theta).for_each(|(row, value)| *row = [*value; LINE]);
@@ -528,7 +528,7 @@ impl<F: System, C: Objective> Rollout<F, C> {
 
     /// Values and partial derivatives of up to eight steps, from the states at `x` … in the segment. Where there are fewer, what
     /// stands in the other lanes is left open.
-    fn prepare(&self, w: &mut Scratch, inputs: &[f64], x: usize) {
+    fn prepare(&self, w: &mut RolloutScratch, inputs: &[f64], x: usize) {
         let (n, m, _) = self.sizes();
         let points = match &mut w.step {
             StepScratch::Code { code, points, .. } if code.is_side_by_side() => points,
@@ -551,7 +551,15 @@ impl<F: System, C: Objective> Rollout<F, C> {
     }
 
     /// One step of λ, from the state at `x` in the segment.
-    fn step_backward(&self, w: &mut Scratch, x: usize, u: &[f64], theta: &[f64], gradient: &mut Gradient, k: usize) {
+    fn step_backward(
+        &self,
+        w: &mut RolloutScratch,
+        x: usize,
+        u: &[f64],
+        theta: &[f64],
+        gradient: &mut Gradient,
+        k: usize,
+    ) {
         let (n, m, p) = self.sizes();
         let (a, b, c) = (n, n + m, n + m + p);
         if let StepScratch::Code { code, unread, .. } = &mut w.step {
@@ -606,7 +614,7 @@ impl Codes {
     /// Machine code of a step, where so many, with those that were asked for before, are worth it.
     fn forward(self: &Arc<Self>, sizes: [usize; 3], n_step: u64) -> Option<Forward> {
         let make = || forward_code(&self.step, sizes);
-        let code = self.forward.ask(Instead::Compiled, self.step.n_operation(), n_step, make)?;
+        let code = self.forward.ask(Fallback::Compiled, self.step.n_operation(), n_step, make)?;
         Some(Forward { slots: code.slots(), code, of: self.clone() })
     }
 }
@@ -617,7 +625,7 @@ fn forward_code(step: &Recording, [n, m, p]: [usize; 3]) -> std::result::Result<
     let rows = |array: u8, rows: std::ops::Range<usize>| rows.map(move |row| Place { array, row: row as u32 });
     let arguments = rows(0, 0..n).chain(rows(1, 0..m)).chain(rows(2, 0..p));
     let results = rows(0, n..2 * n).chain(rows(3, 0..1));
-    let layout = Layout::new(arguments.collect(), results.collect()).map_err(|_| WhyInterpreted::TooLarge)?;
+    let layout = RowLayout::new(arguments.collect(), results.collect()).map_err(|_| WhyInterpreted::TooLarge)?;
     code::<f64>(&Arc::new(form), &layout)
 }
 
@@ -727,7 +735,7 @@ mod tests {
         for horizon in [0, 1, 7, 8, 9, 30] {
             let inputs: Vec<f64> = (0..horizon * m).map(|k| -0.2 + 0.3 * (k as f64).sin()).collect();
             for (segment, with_inputs) in [(horizon.max(1), true), (5, true), (5, false)] {
-                let own = |rollout: &Rollout<F, Distance>, scratch: &mut Scratch| {
+                let own = |rollout: &Rollout<F, Distance>, scratch: &mut RolloutScratch| {
                     let inputs_gradient = vec![0.0; if with_inputs { inputs.len() } else { 0 }];
                     let mut gradient = Gradient {
                         state: vec![0.0; x.len()],

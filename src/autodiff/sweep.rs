@@ -16,9 +16,9 @@ pub(crate) use self::steps::{Pulled, StepsCode, StepsCodeScratch};
 use self::whole::Whole;
 use super::columns::{LINE, Lines};
 use super::lanes::{Kernel, Lanes, dispatch};
-use super::program::{Action, Instruction, Op, Program, Source, Value, ValueForm, Workspace};
+use super::program::{Instruction, InstructionKind, Op, Program, Source, Value, ValueForm, Workspace};
 use super::trace::Recording;
-use super::trace::chain::{Chain, Head, Price, Vertex};
+use super::trace::chain::{Chain, EdgeCost, Head, Vertex};
 use base::error::{Error, Result};
 use std::ops::Range;
 
@@ -143,7 +143,7 @@ impl Sweep {
     ///
     /// # Errors
     /// [`Error::Limit`](base::error::Error::Limit) if the recording is too large.
-    pub(crate) fn of(recording: &Recording, with_respect_to: Range<usize>, price: Price) -> Result<Option<Self>> {
+    pub(crate) fn of(recording: &Recording, with_respect_to: Range<usize>, price: EdgeCost) -> Result<Option<Self>> {
         let n_input = with_respect_to.len();
         recording.chain(with_respect_to, price).map(|c| Self::of_chain(&c, recording.n_output(), n_input)).transpose()
     }
@@ -155,7 +155,7 @@ impl Sweep {
     pub(crate) fn with_rows(
         recording: &Recording,
         with_respect_to: Range<usize>,
-        price: Price,
+        price: EdgeCost,
     ) -> Result<Option<(Self, RowsScratch)>> {
         let n_input = with_respect_to.len();
         let Some(chain) = recording.chain(with_respect_to, price) else { return Ok(None) };
@@ -348,7 +348,7 @@ impl ValueForm {
 
     fn op(&mut self, op: Op, operands: [Value; 4]) -> Value {
         let first = self.next(1);
-        self.instructions.push(Instruction { action: Action::Op(op, operands), first });
+        self.instructions.push(Instruction { action: InstructionKind::Op(op, operands), first });
         first
     }
 }
@@ -496,14 +496,14 @@ impl Kernel for Columns<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::example::Quadrotor;
     use crate::lanes::{Set, with_set};
     use crate::{Scalar, System, Trace};
-    use crate::example::Quadrotor;
 
-    const PRICES: [Price; 3] = [
-        Price { product: f64::INFINITY, vertex: 0.0, few: 0 },
-        Price { product: 0.7, vertex: 1.5, few: 24 },
-        Price { product: 0.0, vertex: 100.0, few: 0 },
+    const PRICES: [EdgeCost; 3] = [
+        EdgeCost { product: f64::INFINITY, vertex: 0.0, few: 0 },
+        EdgeCost { product: 0.7, vertex: 1.5, few: 24 },
+        EdgeCost { product: 0.0, vertex: 100.0, few: 0 },
     ];
 
     fn recording_of(system: &impl System) -> Recording {

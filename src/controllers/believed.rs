@@ -10,7 +10,7 @@ use nalgebra::{Matrix3, Vector3};
 
 /// A body under its rotors, as it is believed to be.
 #[derive(Debug, Clone)]
-pub(super) struct Believed {
+pub(super) struct NominalBody {
     body: BodyModel<f64>,
     inverse_inertia: Mat3<f64>,
     /// D_ω of airframe and rotors at hover, N m s.
@@ -20,7 +20,7 @@ pub(super) struct Believed {
     max_thrust: Vec<f64>,
 }
 
-impl Believed {
+impl NominalBody {
     /// # Errors
     /// [`Error::Value`] where the inertia has no inverse.
     pub(super) fn new(vehicle: &Vehicle) -> Result<Self> {

@@ -82,12 +82,12 @@ impl Rates {
 
 /// [`Rates`] in whole simulation steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Schedule {
+pub struct RateDivisors {
     /// Steps between two computations of velocity and position, attitude, rate.
     pub every: [u64; 3],
 }
 
-impl Schedule {
+impl RateDivisors {
     /// Most steps between two computations.
     const LONGEST: f64 = 1e6;
 
@@ -123,7 +123,7 @@ impl Schedule {
 
 /// What each level said last: the memory of a cascade, held until the level computes again.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Latched<S, const R: usize> {
+pub struct CascadeMemory<S, const R: usize> {
     /// Of the velocity level.
     pub attitude: AttitudeCommand<S>,
     /// Of the attitude level.
@@ -132,7 +132,7 @@ pub struct Latched<S, const R: usize> {
     pub rotors: [S; R],
 }
 
-impl<S: Scalar, const R: usize> Latched<S, R> {
+impl<S: Scalar, const R: usize> CascadeMemory<S, R> {
     /// Numbers in the flat form: attitude command, rate command, rotor actions.
     pub const DIM: usize = AttitudeCommand::<S>::DIM + RateCommand::<S>::DIM + R;
 
@@ -159,7 +159,7 @@ impl<S: Scalar, const R: usize> Latched<S, R> {
     }
 }
 
-impl<const R: usize> Latched<f64, R> {
+impl<const R: usize> CascadeMemory<f64, R> {
     /// For the record of a flight.
     pub fn commanded(&self) -> Commanded {
         Commanded {
@@ -330,10 +330,10 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
     }
 
     /// Memory before the first step: level, hovering.
-    pub fn initial(&self) -> Latched<S, R> {
+    pub fn initial(&self) -> CascadeMemory<S, R> {
         let weight = self.body.mass * self.body.gravity;
         let o = S::zero();
-        Latched {
+        CascadeMemory {
             attitude: AttitudeCommand::level(weight),
             rate: RateCommand::constant(weight, [o; 3]),
             rotors: self.actions([weight, o, o, o]),
@@ -344,10 +344,10 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
     pub fn position(
         &self,
         state: &Kinematics<S>,
-        held: &Latched<S, R>,
+        held: &CascadeMemory<S, R>,
         sample: &Setpoint<S>,
         ticks: [S; 3],
-    ) -> Latched<S, R> {
+    ) -> CascadeMemory<S, R> {
         self.attitude(state, held, &self.attitude_of_position(state, held, sample, ticks), ticks)
     }
 
@@ -355,10 +355,10 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
     pub fn velocity(
         &self,
         state: &Kinematics<S>,
-        held: &Latched<S, R>,
+        held: &CascadeMemory<S, R>,
         command: &VelocityCommand<S>,
         ticks: [S; 3],
-    ) -> Latched<S, R> {
+    ) -> CascadeMemory<S, R> {
         self.attitude(state, held, &self.attitude_of_velocity(state, held, command, ticks), ticks)
     }
 
@@ -366,7 +366,7 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
     pub(super) fn attitude_of_position(
         &self,
         state: &Kinematics<S>,
-        held: &Latched<S, R>,
+        held: &CascadeMemory<S, R>,
         sample: &Setpoint<S>,
         ticks: [S; 3],
     ) -> AttitudeCommand<S> {
@@ -377,7 +377,7 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
     pub(super) fn attitude_without(
         &self,
         state: &Kinematics<S>,
-        held: &Latched<S, R>,
+        held: &CascadeMemory<S, R>,
         sample: &Setpoint<S>,
         surplus: [S; 3],
         ticks: [S; 3],
@@ -398,7 +398,7 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
     pub(super) fn attitude_of_velocity(
         &self,
         state: &Kinematics<S>,
-        held: &Latched<S, R>,
+        held: &CascadeMemory<S, R>,
         command: &VelocityCommand<S>,
         ticks: [S; 3],
     ) -> AttitudeCommand<S> {
@@ -409,7 +409,7 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
     fn attitude_of_force(
         &self,
         state: &Kinematics<S>,
-        held: &Latched<S, R>,
+        held: &CascadeMemory<S, R>,
         command: &VelocityCommand<S>,
         ticks: [S; 3],
     ) -> AttitudeCommand<S> {
@@ -421,19 +421,19 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
     pub fn attitude(
         &self,
         state: &Kinematics<S>,
-        held: &Latched<S, R>,
+        held: &CascadeMemory<S, R>,
         command: &AttitudeCommand<S>,
         ticks: [S; 3],
-    ) -> Latched<S, R> {
+    ) -> CascadeMemory<S, R> {
         let rate = self.rate_of_attitude(state, held, command, ticks);
-        Latched { attitude: *command, ..self.rate(state, held, &rate, ticks) }
+        CascadeMemory { attitude: *command, ..self.rate(state, held, &rate, ticks) }
     }
 
     /// What the attitude level asks of the rate level.
     fn rate_of_attitude(
         &self,
         state: &Kinematics<S>,
-        held: &Latched<S, R>,
+        held: &CascadeMemory<S, R>,
         command: &AttitudeCommand<S>,
         ticks: [S; 3],
     ) -> RateCommand<S> {
@@ -445,27 +445,27 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
     pub(super) fn rotors_without(
         &self,
         state: &Kinematics<S>,
-        held: &Latched<S, R>,
+        held: &CascadeMemory<S, R>,
         command: &AttitudeCommand<S>,
         surplus: [S; 3],
         ticks: [S; 3],
-    ) -> Latched<S, R> {
+    ) -> CascadeMemory<S, R> {
         let rate = self.rate_of_attitude(state, held, command, ticks);
         let mut asked = rate;
         asked.angular_acceleration = sub(rate.angular_acceleration, surplus);
-        Latched { attitude: *command, rate, rotors: self.rate(state, held, &asked, ticks).rotors }
+        CascadeMemory { attitude: *command, rate, rotors: self.rate(state, held, &asked, ticks).rotors }
     }
 
     /// Enters at the rate level. The first two ticks play no part.
     pub fn rate(
         &self,
         state: &Kinematics<S>,
-        held: &Latched<S, R>,
+        held: &CascadeMemory<S, R>,
         command: &RateCommand<S>,
         ticks: [S; 3],
-    ) -> Latched<S, R> {
+    ) -> CascadeMemory<S, R> {
         let fresh = self.actions(self.wrench(state, command));
-        Latched { attitude: held.attitude, rate: *command, rotors: hold(ticks[2], fresh, held.rotors) }
+        CascadeMemory { attitude: held.attitude, rate: *command, rotors: hold(ticks[2], fresh, held.rotors) }
     }
 
     /// [F_z, M_x, M_y, M_z] that the rate level asks of the rotors.
@@ -479,7 +479,7 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
 
     /// Enters at the rotors: actions clipped to [−1, 1].
     #[inline]
-    pub fn rotor(&self, held: &Latched<S, R>, actions: &[S; R]) -> Latched<S, R> {
+    pub fn rotor(&self, held: &CascadeMemory<S, R>, actions: &[S; R]) -> CascadeMemory<S, R> {
         let mut new = *held;
         for i in 0..R {
             new.rotors[i] = actions[i].clamp(-S::one(), S::one());
@@ -500,10 +500,10 @@ pub struct Cascade<const R: usize = MAX_ROTORS> {
     /// Parameters.
     pub model: CascadeModel<f64, R>,
     /// When each level computes.
-    pub schedule: Schedule,
+    pub schedule: RateDivisors,
     /// What the vehicle's rotors can and cannot do.
     pub authority: Authority,
-    held: Latched<f64, R>,
+    held: CascadeMemory<f64, R>,
     step: u64,
 }
 
@@ -512,7 +512,7 @@ impl<const R: usize> Cascade<R> {
     pub fn new(vehicle: &Vehicle, gains: &Gains, rates: &Rates, dt: f64) -> Result<Self> {
         let model = CascadeModel::new(vehicle, gains)?;
         let authority = Mixer::new(vehicle)?.authority;
-        Ok(Self { model, schedule: Schedule::new(rates, dt)?, authority, held: model.initial(), step: 0 })
+        Ok(Self { model, schedule: RateDivisors::new(rates, dt)?, authority, held: model.initial(), step: 0 })
     }
 
     /// Forgets: the next step is step 0, from hover.
@@ -522,7 +522,7 @@ impl<const R: usize> Cascade<R> {
     }
 
     /// What each level said last.
-    pub fn latched(&self) -> &Latched<f64, R> {
+    pub fn latched(&self) -> &CascadeMemory<f64, R> {
         &self.held
     }
 

@@ -1,9 +1,9 @@
 //! The cascade of one vehicle as a law: sample and ticks in, rotor actions out, gains as parameters.
 
-use super::believed::Believed;
-use super::cascade::{CascadeModel, Latched, Rates, Schedule};
-use super::integral::Missing;
-use super::law::{ControlLaw, Moment, Running};
+use super::believed::NominalBody;
+use super::cascade::{CascadeMemory, CascadeModel, RateDivisors, Rates};
+use super::integral::IntegralState;
+use super::law::{ControlLaw, LawController, LawInput};
 use super::parameters::GainSet;
 use autodiff::Scalar;
 use base::error::Result;
@@ -14,16 +14,16 @@ use flight::Commanded;
 /// The full cascade of a multirotor.
 ///
 /// - Target: a [`Setpoint`](super::Setpoint). Ticks: velocity and position, attitude, rate.
-/// - Memory: [`Latched`], 23 + n numbers for n rotors; with integral action ([`Gains::integral`]) 13 more.
+/// - Memory: [`CascadeMemory`], 23 + n numbers for n rotors; with integral action ([`Gains::integral`]) 13 more.
 /// - Parameters: the twelve of [`GainSet`], and with integral action its two rates.
 #[derive(Debug, Clone)]
 pub struct CascadeLaw {
     cascade: Box<CascadeModel<f64, MAX_ROTORS>>,
     gains: Gains,
-    schedule: Schedule,
+    schedule: RateDivisors,
     n_rotor: usize,
     /// With integral action: what it compares with, and how often, s.
-    believed: Option<Believed>,
+    believed: Option<NominalBody>,
     period: f64,
 }
 
@@ -36,15 +36,15 @@ impl CascadeLaw {
     pub fn new(believed: &Vehicle, physics: &Physics, gains: &Gains, rates: &Rates) -> Result<Self> {
         let vehicle = with_drag_of(believed, physics.effects);
         let cascade = Box::new(CascadeModel::new(&vehicle, gains)?);
-        let schedule = Schedule::new(rates, physics.dt)?;
-        let believed = if gains.is_integral() { Some(Believed::new(&vehicle.upright())?) } else { None };
+        let schedule = RateDivisors::new(rates, physics.dt)?;
+        let believed = if gains.is_integral() { Some(NominalBody::new(&vehicle.upright())?) } else { None };
         let period = schedule.every[2] as f64 * physics.dt;
         Ok(Self { cascade, gains: *gains, schedule, n_rotor: vehicle.n_rotor(), believed, period })
     }
 
     /// As a controller, before its first tick.
-    pub fn running(self) -> Running<Self> {
-        Running::of(self)
+    pub fn running(self) -> LawController<Self> {
+        LawController::of(self)
     }
 
     /// L of force and of moment, 1/s.
@@ -58,7 +58,7 @@ impl CascadeLaw {
 
     /// Numbers of memory without integral action.
     fn n_latched(&self) -> usize {
-        Latched::<f64, 0>::DIM + self.n_rotor
+        CascadeMemory::<f64, 0>::DIM + self.n_rotor
     }
 }
 
@@ -71,7 +71,7 @@ impl ControlLaw for CascadeLaw {
         "position, velocity, attitude and rate levels, each at its own rate".into()
     }
 
-    fn schedule(&self) -> Option<Schedule> {
+    fn schedule(&self) -> Option<RateDivisors> {
         Some(self.schedule)
     }
 
@@ -86,7 +86,7 @@ impl ControlLaw for CascadeLaw {
     fn memory(&self) -> Vec<f64> {
         let mut memory = vec![0.0; self.n_latched()];
         write_latched(&self.cascade.initial(), &mut memory);
-        let learnt = if self.believed.is_some() { Missing::<f64>::DIM } else { 0 };
+        let learnt = if self.believed.is_some() { IntegralState::<f64>::DIM } else { 0 };
         memory.resize(memory.len() + learnt, 0.0);
         memory
     }
@@ -106,7 +106,7 @@ impl ControlLaw for CascadeLaw {
         GainSet::<f64>::names("").into_iter().chain(more.iter().map(|name| name.to_string())).collect()
     }
 
-    fn tick<S: Scalar>(&self, now: &Moment<'_, S>, memory: &mut [S], commands: &mut [S]) {
+    fn tick<S: Scalar>(&self, now: &LawInput<'_, S>, memory: &mut [S], commands: &mut [S]) {
         let mut cascade = CascadeModel::<S, MAX_ROTORS>::constant(&self.cascade);
         if !now.parameters.is_empty() {
             cascade.gains = GainSet::read(now.parameters);
@@ -118,7 +118,7 @@ impl ControlLaw for CascadeLaw {
         let new = match &self.believed {
             None => cascade.position(&state, &held, &sample, ticks),
             Some(believed) => {
-                let mut missing = Missing::read(learnt);
+                let mut missing = IntegralState::read(learnt);
                 missing.observe(ticks[2], &state, self.integral_rates(now.parameters), self.period);
                 let attitude = cascade.attitude_without(&state, &held, &sample, missing.acceleration(), ticks);
                 let new = cascade.rotors_without(&state, &held, &attitude, missing.angular_acceleration(), ticks);
@@ -148,20 +148,20 @@ pub(super) fn with_drag_of(vehicle: &Vehicle, effects: Effects) -> Vehicle {
 }
 
 /// Numbers of a memory padded to sixteen rotors.
-const MAX_LATCHED: usize = Latched::<f64, MAX_ROTORS>::DIM;
+const MAX_LATCHED: usize = CascadeMemory::<f64, MAX_ROTORS>::DIM;
 
 /// Writes a memory of R rotors without those that the vehicle does not have.
 #[inline]
-pub(super) fn write_latched<S: Scalar, const R: usize>(held: &Latched<S, R>, out: &mut [S]) {
+pub(super) fn write_latched<S: Scalar, const R: usize>(held: &CascadeMemory<S, R>, out: &mut [S]) {
     let mut padded = [S::zero(); MAX_LATCHED];
-    held.write(&mut padded[..Latched::<S, R>::DIM]);
+    held.write(&mut padded[..CascadeMemory::<S, R>::DIM]);
     out.copy_from_slice(&padded[..out.len()]);
 }
 
 /// The inverse of [`write_held`]; missing rotors rest at −1.
 #[inline]
-pub(super) fn read_latched<S: Scalar, const R: usize>(x: &[S]) -> Latched<S, R> {
+pub(super) fn read_latched<S: Scalar, const R: usize>(x: &[S]) -> CascadeMemory<S, R> {
     let mut padded = [-S::one(); MAX_LATCHED];
     padded[..x.len()].copy_from_slice(x);
-    Latched::read(&padded[..Latched::<S, R>::DIM])
+    CascadeMemory::read(&padded[..CascadeMemory::<S, R>::DIM])
 }

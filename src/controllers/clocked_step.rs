@@ -4,7 +4,7 @@
 //! for "holds" does not compute what is then thrown away: selections between constants fold while they are recorded.
 
 use super::closed_loop::ClosedLoop;
-use super::law::{ControlLaw, Running};
+use super::law::{ControlLaw, LawController};
 use autodiff::columns::Columns;
 use autodiff::native::Place;
 use autodiff::program::{BLOCK, InPlace, InPlaceWork};
@@ -31,7 +31,7 @@ impl ClockedStep {
     /// # Errors
     /// [`Error::Limit`](base::error::Error::Limit) if a recording is too large.
     pub(super) fn new<L: ControlLaw>(
-        system: &ClosedLoop<Running<L>>,
+        system: &ClosedLoop<LawController<L>>,
         fixed: Range<usize>,
         rows: impl Iterator<Item = Vec<f64>>,
     ) -> Result<Self> {

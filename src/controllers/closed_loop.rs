@@ -15,10 +15,10 @@ use super::allocation::failure::{RotorFailure, health};
 use super::cascade::Rates;
 use super::cascade_law::CascadeLaw;
 use super::controller::{Controller, Measurement, Target};
-use super::law::{ControlLaw, Moment, Running};
+use super::law::{ControlLaw, LawController, LawInput};
 use autodiff::{Scalar, System};
 use base::error::{Error, Result};
-use dynamics::sensors::{Aboard, SensorConfig};
+use dynamics::sensors::{OnboardSensors, SensorConfig};
 use dynamics::{Disturbance, Gains, Physics, Plant, Vehicle};
 use std::collections::VecDeque;
 
@@ -27,7 +27,7 @@ pub(crate) const MAX_LATENCY: usize = 1000;
 
 /// What acts on a loop from outside in one step.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Outside {
+pub struct ExogenousInputs {
     /// Wind, force and moment; plays no part where the effect `disturbance` is off.
     pub air: Disturbance<f64>,
     /// Added to the commands before their latency; empty for nothing.
@@ -36,7 +36,7 @@ pub struct Outside {
     pub at_output: Vec<f64>,
 }
 
-impl Outside {
+impl ExogenousInputs {
     /// Still air, no injection.
     pub fn none() -> Self {
         Self::air(Disturbance::none())
@@ -51,7 +51,7 @@ impl Outside {
 /// A plant under a controller.
 ///
 /// Any loop is stepped singly in `f64` by [`advance`](Self::advance). With a straight-line controller
-/// ([`Running`]) it is a [`System`] too: differentiable, and run in batches by [`MonteCarlo`](super::MonteCarlo).
+/// ([`LawController`]) it is a [`System`] too: differentiable, and run in batches by [`MonteCarlo`](super::MonteCarlo).
 ///
 /// - State: the plant's; the law's memory; where the law has a rate of its own, the commands it holds; the latency line,
 ///   newest first.
@@ -86,14 +86,14 @@ struct Run {
     applied: Vec<f64>,
     line: VecDeque<Vec<f64>>,
     seen: Vec<f64>,
-    sensors: Option<(Aboard, u64)>,
+    sensors: Option<(OnboardSensors, u64)>,
     /// The plant as it is by now, where rotors failed.
     damaged: Option<Plant>,
     health: Vec<f64>,
     known: Vec<f64>,
 }
 
-impl ClosedLoop<Running<CascadeLaw>> {
+impl ClosedLoop<LawController<CascadeLaw>> {
     /// A vehicle under the cascade built for it.
     ///
     /// # Errors
@@ -164,15 +164,16 @@ impl<C: Controller> ClosedLoop<C> {
     /// has commanded yet; all others are means over the step before. The loop begins anew.
     ///
     /// # Errors
-    /// As [`Aboard::new`].
+    /// As [`OnboardSensors::new`].
     pub fn with_sensors(mut self, configs: &[SensorConfig], seed: u64) -> Result<Self> {
-        self.run.sensors = if configs.is_empty() { None } else { Some((Aboard::new(configs, &self.plant)?, seed)) };
+        self.run.sensors =
+            if configs.is_empty() { None } else { Some((OnboardSensors::new(configs, &self.plant)?, seed)) };
         self.reset();
         Ok(self)
     }
 
     /// Its sensors, which tell what they read last.
-    pub fn sensors(&self) -> Option<&Aboard> {
+    pub fn sensors(&self) -> Option<&OnboardSensors> {
         self.run.sensors.as_ref().map(|(sensors, _)| sensors)
     }
 
@@ -238,7 +239,13 @@ impl<C: Controller> ClosedLoop<C> {
     ///
     /// # Panics
     /// If `state` or `next` are not of the plant's length, or an injection is neither empty nor of its own.
-    pub fn advance(&mut self, state: &[f64], target: Target<'_>, outside: &Outside, next: &mut [f64]) -> Result<()> {
+    pub fn advance(
+        &mut self,
+        state: &[f64],
+        target: Target<'_>,
+        outside: &ExogenousInputs,
+        next: &mut [f64],
+    ) -> Result<()> {
         let dt = self.plant.physics().dt;
         self.fail((self.run.step as f64 + 1e-6) * dt)?; // times are multiples of dt up to rounding
         self.sense(state, outside, next);
@@ -275,7 +282,7 @@ impl<C: Controller> ClosedLoop<C> {
     }
 
     /// Reads the sensors; `next` is written over in the first step.
-    fn sense(&mut self, state: &[f64], outside: &Outside, next: &mut [f64]) {
+    fn sense(&mut self, state: &[f64], outside: &ExogenousInputs, next: &mut [f64]) {
         if self.run.sensors.is_none() {
             return;
         }
@@ -310,7 +317,7 @@ impl<C: Controller> ClosedLoop<C> {
     }
 }
 
-impl<L: ControlLaw> ClosedLoop<Running<L>> {
+impl<L: ControlLaw> ClosedLoop<LawController<L>> {
     /// The same loop with its law's parameters among θ.
     #[must_use]
     pub fn with_gains(mut self) -> Self {
@@ -421,7 +428,14 @@ impl<L: ControlLaw> ClosedLoop<Running<L>> {
     }
 
     /// The law's new memory into `memory` and what it commands now into `commands`, the plant's whole input.
-    fn tick<S: Scalar>(&self, now: &Moment<'_, S>, tick: Option<S>, held: &[S], memory: &mut [S], commands: &mut [S]) {
+    fn tick<S: Scalar>(
+        &self,
+        now: &LawInput<'_, S>,
+        tick: Option<S>,
+        held: &[S],
+        memory: &mut [S],
+        commands: &mut [S],
+    ) {
         let Some(tick) = tick else { return self.law().tick(now, memory, commands) };
         let (old, due) = (memory.to_vec(), S::constant(0.5).lt(tick));
         self.law().tick(now, memory, commands);
@@ -454,7 +468,7 @@ pub(crate) fn check_latency(steps: usize) -> Result<()> {
 fn steps_between(rate: Option<f64>, dt: f64) -> Result<u64> {
     let Some(rate) = rate else { return Ok(1) };
     let rates = Rates { rate, attitude: rate, velocity: rate };
-    Ok(super::cascade::Schedule::new(&rates, dt)?.every[0])
+    Ok(super::cascade::RateDivisors::new(&rates, dt)?.every[0])
 }
 
 fn add(a: &[f64], b: &[f64]) -> Vec<f64> {
@@ -467,14 +481,14 @@ struct Parts<'a, S> {
     body: &'a [S],
     memory: &'a [S],
     held: &'a [S],
-    now: Moment<'a, S>,
+    now: LawInput<'a, S>,
     tick: Option<S>,
     air: &'a [S],
     at_input: &'a [S],
     physics: &'a [S],
 }
 
-impl<L: ControlLaw> ClosedLoop<Running<L>> {
+impl<L: ControlLaw> ClosedLoop<LawController<L>> {
     fn parts<'a, S: Scalar>(&self, state: &'a [S], input: &'a [S], parameters: &'a [S]) -> Parts<'a, S> {
         let law = self.law();
         let (physics, gains) = parameters.split_at(self.plant.n_parameter());
@@ -485,7 +499,7 @@ impl<L: ControlLaw> ClosedLoop<Running<L>> {
         let (body, rest) = state.split_at(self.plant.n_state());
         let (memory, held) = rest.split_at(rest.len() - self.n_held() * self.n_command());
         let at_input = if self.injects { &input[..self.n_command()] } else { input };
-        let now = Moment { state: body, target, ticks, parameters: gains };
+        let now = LawInput { state: body, target, ticks, parameters: gains };
         Parts { body, memory, held, now, tick: tick.first().copied(), air, at_input, physics }
     }
 
@@ -513,7 +527,7 @@ impl<L: ControlLaw> ClosedLoop<Running<L>> {
     }
 }
 
-impl<L: ControlLaw> System for ClosedLoop<Running<L>> {
+impl<L: ControlLaw> System for ClosedLoop<LawController<L>> {
     fn n_state(&self) -> usize {
         self.plant.n_state() + self.controller.memory().len() + self.n_held() * self.n_command()
     }

@@ -4,7 +4,7 @@ use serde::Serialize;
 
 /// A share that was counted, and where it lies.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Share {
+pub struct Proportion {
     /// How often it was so.
     pub hits: usize,
     /// Of how many.
@@ -13,7 +13,7 @@ pub struct Share {
     pub bounds: [f64; 2],
 }
 
-impl Share {
+impl Proportion {
     /// `hits` of `n`, with a confidence as 0.95.
     pub fn counted(hits: usize, n: usize, confidence: f64) -> Self {
         Self { hits, n, bounds: clopper_pearson(hits, n, confidence) }

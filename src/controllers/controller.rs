@@ -1,7 +1,7 @@
 //! What a controller is: a measurement and a target in, commands out, once per tick.
 
 use super::attitude::Orientation;
-use super::cascade::Schedule;
+use super::cascade::RateDivisors;
 use super::kinematics::Kinematics;
 use super::law::RecordedLaw;
 use super::reference::{Reference, Setpoint, Tilt};
@@ -82,7 +82,7 @@ pub trait Controller: Send {
         None
     }
     /// The schedule of its levels, where it was built for one.
-    fn schedule(&self) -> Option<Schedule> {
+    fn schedule(&self) -> Option<RateDivisors> {
         None
     }
     /// Whether it holds a [`Tilt`] beside the reference.
@@ -151,7 +151,7 @@ macro_rules! delegate {
                 fn name(&self) -> &str;
                 fn description(&self) -> String;
                 fn rate(&self) -> Option<f64>;
-                fn schedule(&self) -> Option<Schedule>;
+                fn schedule(&self) -> Option<RateDivisors>;
                 fn holds_tilt(&self) -> bool;
                 fn tracked(&self, state: &[f64]) -> Kinematics<f64>;
                 fn reset(&mut self);

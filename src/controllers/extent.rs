@@ -3,7 +3,7 @@
 //! A rotor without a radius counts as its hub; where a model has neither shapes nor rotors, the origins of its bodies count.
 
 use dynamics::contact::{self, distance};
-use dynamics::relief::Relief;
+use dynamics::relief::UnevenGround;
 use dynamics::shape::{Geometry, Pose};
 use dynamics::spatial::{add, cross, dot, from_matrix, mat_vec, matrix, multiply, scale, transpose};
 use dynamics::tree::{self, Multibody, body_poses};
@@ -14,46 +14,46 @@ const UP: [f64; 3] = [0.0, 0.0, 1.0];
 const FINE: f64 = 1e-3;
 
 /// Something of a body, in the world.
-enum Extent {
+enum CollisionPart {
     Solid { geometry: Geometry, pose: Pose<f64> },
     Disc { center: [f64; 3], axis: [f64; 3], radius: f64 },
 }
 
 /// All that counts of what moves.
-fn extents(bodies: &Multibody, state: &[f64]) -> Vec<Extent> {
+fn extents(bodies: &Multibody, state: &[f64]) -> Vec<CollisionPart> {
     let (model, poses) = (bodies.model(), body_poses(bodies, state));
     let shapes = model.shapes().iter().filter_map(|s| {
         let carrier = &poses[s.body?];
         let attitude = multiply(from_matrix(carrier.rotation), s.shape.rotation);
         let pose = Pose { position: on(carrier, s.shape.position), attitude };
-        Some(Extent::Solid { geometry: s.shape.geometry, pose })
+        Some(CollisionPart::Solid { geometry: s.shape.geometry, pose })
     });
     let rotors = model.rotors().iter().map(|r| {
         let (pose, rotor) = (&poses[r.body], &r.rotor);
         let axis = mat_vec(pose.rotation, rotor.axis);
-        Extent::Disc { center: on(pose, rotor.position), axis, radius: rotor.radius }
+        CollisionPart::Disc { center: on(pose, rotor.position), axis, radius: rotor.radius }
     });
-    let all: Vec<Extent> = shapes.chain(rotors).collect();
+    let all: Vec<CollisionPart> = shapes.chain(rotors).collect();
     if !all.is_empty() {
         return all;
     }
-    poses.iter().map(|pose| Extent::Disc { center: pose.position, axis: UP, radius: 0.0 }).collect()
+    poses.iter().map(|pose| CollisionPart::Disc { center: pose.position, axis: UP, radius: 0.0 }).collect()
 }
 
 /// Height of the lowest point of shapes and rotors, m; of the lowest body's origin where there are none.
 pub fn lowest_point(bodies: &Multibody, state: &[f64]) -> f64 {
-    let lowest = |extent: &Extent| match extent {
-        Extent::Solid { geometry, pose } => pose.position[2] - below(geometry, transpose(matrix(pose.attitude))),
-        Extent::Disc { center, axis, radius } => center[2] - radius * across(*axis, UP),
+    let lowest = |extent: &CollisionPart| match extent {
+        CollisionPart::Solid { geometry, pose } => pose.position[2] - below(geometry, transpose(matrix(pose.attitude))),
+        CollisionPart::Disc { center, axis, radius } => center[2] - radius * across(*axis, UP),
     };
     extents(bodies, state).iter().map(lowest).fold(f64::INFINITY, f64::min)
 }
 
 /// Least distance of the same to hills over z = `height`, m: exact on slopes and of first order on waves.
-pub(super) fn over(bodies: &Multibody, state: &[f64], height: f64, relief: &Relief) -> f64 {
-    let own = |extent: &Extent| match extent {
-        Extent::Solid { geometry, pose } => contact::ground_distance(geometry, pose, height, relief),
-        Extent::Disc { center, axis, radius } => {
+pub(super) fn over(bodies: &Multibody, state: &[f64], height: f64, relief: &UnevenGround) -> f64 {
+    let own = |extent: &CollisionPart| match extent {
+        CollisionPart::Solid { geometry, pose } => contact::ground_distance(geometry, pose, height, relief),
+        CollisionPart::Disc { center, axis, radius } => {
             let (distance, normal) = relief.surface(*center, height);
             distance - radius * across(*axis, normal)
         }
@@ -71,12 +71,14 @@ pub fn nearest_still(bodies: &Multibody, state: &[f64], least: f64) -> Option<(u
         let pose = Pose { position: shape.position, attitude: shape.rotation };
         for extent in &own {
             let distance = match extent {
-                Extent::Solid { geometry: moving, pose: at } => contact::distance(moving, at, geometry, &pose),
+                CollisionPart::Solid { geometry: moving, pose: at } => contact::distance(moving, at, geometry, &pose),
                 // no point of a disc is farther from its hub than its radius
-                Extent::Disc { center, radius, .. } if distance::point(*center, geometry, &pose) - radius >= least => {
+                CollisionPart::Disc { center, radius, .. }
+                    if distance::point(*center, geometry, &pose) - radius >= least =>
+                {
                     continue;
                 }
-                Extent::Disc { center, axis, radius } => {
+                CollisionPart::Disc { center, axis, radius } => {
                     to_disc(*center, *axis, *radius, &|point| distance::point(point, geometry, &pose))
                 }
             };
@@ -135,7 +137,7 @@ fn below(geometry: &Geometry, turn: [[f64; 3]; 3]) -> f64 {
     }
 }
 
-fn on(pose: &tree::Pose<f64>, point: [f64; 3]) -> [f64; 3] {
+fn on(pose: &tree::FrameKinematics<f64>, point: [f64; 3]) -> [f64; 3] {
     add(pose.position, mat_vec(pose.rotation, point))
 }
 

@@ -30,7 +30,7 @@
 use super::allocation::problem::WRENCH;
 use super::allocation::{Allocator, Assessment, Capability, Counts, failure};
 use super::attitude::{AttitudeCommand, rate_command};
-use super::cascade::{CascadeModel, Latched, Rates, Schedule, hold_rate};
+use super::cascade::{CascadeMemory, CascadeModel, RateDivisors, Rates, hold_rate};
 use super::controller::{Controller, Measurement, Target};
 use super::kinematics::Kinematics;
 use super::parameters::{CommandLimits, ForceLimits, GainSet};
@@ -54,8 +54,8 @@ pub struct FaultTolerant {
     vehicle: Vehicle,
     model: CascadeModel<f64, MAX_ROTORS>,
     whole: CascadeModel<f64, MAX_ROTORS>,
-    schedule: Schedule,
-    held: Latched<f64, MAX_ROTORS>,
+    schedule: RateDivisors,
+    held: CascadeMemory<f64, MAX_ROTORS>,
     step: u64,
     broken: Option<Broken>,
 }
@@ -109,14 +109,14 @@ impl FaultTolerant {
     /// For simulation steps of `dt` seconds, all rotors whole.
     ///
     /// # Errors
-    /// As [`CascadeModel::new`] and [`Schedule::new`].
+    /// As [`CascadeModel::new`] and [`RateDivisors::new`].
     pub fn new(vehicle: &Vehicle, gains: &Gains, rates: &Rates, dt: f64) -> Result<Self> {
         let model = CascadeModel::new(vehicle, gains)?;
         Ok(Self {
             vehicle: vehicle.upright(),
             model,
             whole: model,
-            schedule: Schedule::new(rates, dt)?,
+            schedule: RateDivisors::new(rates, dt)?,
             held: model.initial(),
             step: 0,
             broken: None,
@@ -158,7 +158,7 @@ impl FaultTolerant {
     }
 
     /// What each level said last.
-    pub fn latched(&self) -> &Latched<f64, MAX_ROTORS> {
+    pub fn latched(&self) -> &CascadeMemory<f64, MAX_ROTORS> {
         &self.held
     }
 
@@ -260,7 +260,7 @@ impl Controller for FaultTolerant {
         "the cascade, and with the rotors that are left: roll and pitch before thrust before yaw".into()
     }
 
-    fn schedule(&self) -> Option<Schedule> {
+    fn schedule(&self) -> Option<RateDivisors> {
         Some(self.schedule)
     }
 

@@ -1,8 +1,8 @@
 //! A whole flight: a plant under its controller along a reference, logged.
 
 use super::allocation::failure::RotorFailure;
-use super::cascade::{Rates, Schedule};
-use super::closed_loop::{ClosedLoop, Outside, check_delay, check_latency};
+use super::cascade::{RateDivisors, Rates};
+use super::closed_loop::{ClosedLoop, ExogenousInputs, check_delay, check_latency};
 use super::controller::{Controller, Target};
 use super::hover_axes::HoverAxes;
 use super::reference::{Reference, Setpoint, Tilt};
@@ -14,7 +14,7 @@ use base::memory::Request;
 use dynamics::aero::wind::{Wind, WindState};
 use dynamics::batch::EXPLODED;
 use dynamics::rotor::commanded_speed;
-use dynamics::sensors::{Aboard, Layout, Sensor, SensorConfig};
+use dynamics::sensors::{OnboardSensors, ReadingLayout, Sensor, SensorConfig};
 use dynamics::spatial::{Mat3, from_matrix, to_euler};
 use dynamics::tree::check_start;
 use dynamics::{Disturbance, Gains, Physics, Plant, Vehicle};
@@ -217,7 +217,7 @@ fn check_memory(plan: &FlightPlan, n_step: u64, plant: &Plant) -> Result<()> {
     for sensor in &plan.sensors {
         let n = sensor.model.channels().len();
         match sensor.model.layout() {
-            Layout::Vector => n_reading += n,
+            ReadingLayout::Vector => n_reading += n,
             // one row per reading
             _ => scanned += (n_step / sensor.steps_between(plan.physics.dt)? + 1) as u128 * (1 + n as u128),
         }
@@ -238,7 +238,7 @@ fn check_memory(plan: &FlightPlan, n_step: u64, plant: &Plant) -> Result<()> {
 ///
 /// # Errors
 /// [`Error::Value`] or [`Error::Limit`] if the plan is not valid, or not for this plant and this controller: other physics
-/// (but for the effect `disturbance`), other rates, wind without that effect, a tilt that is not held. As [`Aboard::new`] for
+/// (but for the effect `disturbance`), other rates, wind without that effect, a tilt that is not held. As [`OnboardSensors::new`] for
 /// its sensors, and as [`check_start`] where the reference begins inside of something.
 pub fn fly(
     plant: &Plant,
@@ -297,7 +297,7 @@ fn flown(
     fits(plant, controller, plan)?;
     let (dt, windy) = (plan.physics.dt, plan.wind != Wind::Calm);
     let whole = plan.failures.is_empty() && plan.latency == 0;
-    let schedule = Schedule::new(&plan.rates, dt).ok().filter(|_| whole);
+    let schedule = RateDivisors::new(&plan.rates, dt).ok().filter(|_| whole);
     let holds_tilt = controller.holds_tilt();
     let speeds: Vec<f64> = plant.rotors().iter().map(|r| r.max_speed).collect();
     let mut log = FlightLog::new(plant.name(), &speeds);
@@ -308,7 +308,7 @@ fn flown(
         .with_sensors(&plan.sensors, plan.seed)?;
     let mut wind = WindState::new(plan.wind.clone(), Stream::new(plan.seed, 0, 0, Purpose::WIND))?;
     let target = Target { reference: &plan.reference, tilt: &plan.tilt };
-    let mut outside = Outside::none();
+    let mut outside = ExogenousInputs::none();
     let few = name_readings(&mut log, system.sensors(), &plan.sensors);
 
     let (mut x, mut next) = (state.to_vec(), state.to_vec());
@@ -367,7 +367,7 @@ fn fits(plant: &Plant, controller: &dyn Controller, plan: &FlightPlan) -> Result
         let remedy = "Give the plan the plant's: plan.physics = *plant.physics().";
         return Err(Error::value("plan.physics", format!("{:?}", plan.physics), "those of the plant", remedy));
     }
-    if controller.schedule().is_some_and(|s| Schedule::new(&plan.rates, own.dt).ok() != Some(s)) {
+    if controller.schedule().is_some_and(|s| RateDivisors::new(&plan.rates, own.dt).ok() != Some(s)) {
         let value = format!("{:?}", plan.rates);
         let rule = format!("those that controller '{}' was built for", controller.name());
         return Err(Error::value("plan.rates", value, rule, "Build the controller with plan.rates."));
@@ -419,9 +419,9 @@ fn record(
 }
 
 /// Names what will be read; which sensors have few numbers.
-fn name_readings(log: &mut FlightLog, aboard: Option<&Aboard>, sensors: &[SensorConfig]) -> Vec<bool> {
+fn name_readings(log: &mut FlightLog, aboard: Option<&OnboardSensors>, sensors: &[SensorConfig]) -> Vec<bool> {
     let own: &[Sensor] = aboard.map_or(&[], |aboard| aboard.set().sensors());
-    let few: Vec<bool> = sensors.iter().map(|config| config.model.layout() == Layout::Vector).collect();
+    let few: Vec<bool> = sensors.iter().map(|config| config.model.layout() == ReadingLayout::Vector).collect();
     let columns = own.iter().zip(&few).filter(|(_, few)| **few);
     log.sensor_channels = columns.flat_map(|(sensor, _)| sensor.channels()).cloned().collect();
     log.scans = sensors.iter().zip(own).filter_map(|(config, sensor)| Scans::of(config, sensor)).collect();
@@ -429,7 +429,7 @@ fn name_readings(log: &mut FlightLog, aboard: Option<&Aboard>, sensors: &[Sensor
 }
 
 /// Logs what was read at `time`: of sensors with few numbers in every step, of others each reading once.
-fn record_readings(log: &mut FlightLog, aboard: Option<&Aboard>, few: &[bool], time: f64) {
+fn record_readings(log: &mut FlightLog, aboard: Option<&OnboardSensors>, few: &[bool], time: f64) {
     let own: &[Sensor] = aboard.map_or(&[], |aboard| aboard.set().sensors());
     let mut scans = log.scans.iter_mut();
     for (sensor, few) in own.iter().zip(few) {

@@ -4,10 +4,10 @@
 //! its share of the whole. What hangs between them follows through passive joints. With a single drone this is the
 //! plain cascade, fed with the mass of all it carries.
 
-use super::cascade::{CascadeModel, Latched, Rates, Schedule};
+use super::cascade::{CascadeMemory, CascadeModel, RateDivisors, Rates};
 use super::controller::Target;
 use super::kinematics::Kinematics;
-use super::law::{ControlLaw, Moment, Running};
+use super::law::{ControlLaw, LawController, LawInput};
 use super::parameters::GainSet;
 use super::reference::{Reference, Setpoint};
 use autodiff::Scalar;
@@ -18,17 +18,17 @@ use dynamics::tree::{Multibody, body_poses, carrier};
 use dynamics::{Gains, MAX_ROTORS};
 
 /// Such drones with the memory of their cascades.
-pub type FormationController = Running<FormationLaw>;
+pub type FormationController = LawController<FormationLaw>;
 
 /// One cascade per drone of a model.
 ///
 /// - Target: a [`Setpoint`] per drone. Ticks: velocity and position, attitude, rate, of all.
-/// - Memory: a [`Latched`] of [`MAX_ROTORS`] rotors per drone. Parameters: twelve gains per drone.
+/// - Memory: a [`CascadeMemory`] of [`MAX_ROTORS`] rotors per drone. Parameters: twelve gains per drone.
 #[derive(Debug, Clone)]
 pub struct FormationLaw {
     system: Multibody,
     members: Vec<Member>,
-    schedule: Schedule,
+    schedule: RateDivisors,
 }
 
 #[derive(Debug, Clone)]
@@ -45,7 +45,7 @@ struct Member {
 }
 
 /// Numbers of a member's memory, target and parameters.
-const LATCHED: usize = Latched::<f64, MAX_ROTORS>::DIM;
+const LATCHED: usize = CascadeMemory::<f64, MAX_ROTORS>::DIM;
 const SETPOINT: usize = Setpoint::<f64>::DIM;
 const GAINS: usize = GainSet::<f64>::DIM;
 
@@ -93,7 +93,7 @@ impl FormationLaw {
             let what = format!("model '{}': number of drones", model.name());
             return Err(Error::value(what, 0, "≥ 1 for a formation", "Give it a vehicle."));
         }
-        Ok(Self { system: system.clone(), members, schedule: Schedule::new(rates, system.physics().dt)? })
+        Ok(Self { system: system.clone(), members, schedule: RateDivisors::new(rates, system.physics().dt)? })
     }
 }
 
@@ -109,7 +109,7 @@ impl ControlLaw for FormationLaw {
         }
     }
 
-    fn schedule(&self) -> Option<Schedule> {
+    fn schedule(&self) -> Option<RateDivisors> {
         Some(self.schedule)
     }
 
@@ -153,7 +153,7 @@ impl ControlLaw for FormationLaw {
         self.members.iter().flat_map(|m| GainSet::<f64>::names(&format!("{}.", m.name))).collect()
     }
 
-    fn tick<S: Scalar>(&self, now: &Moment<'_, S>, memory: &mut [S], commands: &mut [S]) {
+    fn tick<S: Scalar>(&self, now: &LawInput<'_, S>, memory: &mut [S], commands: &mut [S]) {
         let poses = body_poses(&self.system, now.state);
         for (i, member) in self.members.iter().enumerate() {
             let pose = &poses[member.body];
@@ -170,7 +170,7 @@ impl ControlLaw for FormationLaw {
             let memory = &mut memory[LATCHED * i..LATCHED * (i + 1)];
             let wanted = Setpoint::read(&now.target[SETPOINT * i..]);
             let ticks = [now.ticks[0], now.ticks[1], now.ticks[2]];
-            let held = cascade.position(&cascade.own(&own), &Latched::read(memory), &wanted, ticks);
+            let held = cascade.position(&cascade.own(&own), &CascadeMemory::read(memory), &wanted, ticks);
             held.write(memory);
             for (at, action) in member.actions.iter().zip(held.rotors) {
                 commands[*at] = action;

@@ -28,7 +28,7 @@ use base::error::{Error, Result};
 use dynamics::spatial::{
     Mat3, Vec3, add, axpy, cross, dot, from_matrix, inverse, mat_mul, mat_vec, scale, sub, transpose,
 };
-use dynamics::tree::{Model, Motion, Multibody, Pose, carrier};
+use dynamics::tree::{FrameKinematics, Model, Motion, Multibody, carrier};
 use dynamics::{Gains, Vehicle};
 
 /// ω_f over the bandwidth of the drone's attitude loop.
@@ -94,7 +94,7 @@ impl Mount {
     }
 
     /// c in the world: about this direction the joint holds the drone to its carrier.
-    pub fn held(&self, poses: &[Pose<f64>]) -> Vec3<f64> {
+    pub fn held(&self, poses: &[FrameKinematics<f64>]) -> Vec3<f64> {
         let a = mat_vec(poses[self.carrier].rotation, self.axis);
         let y = mat_vec(poses[self.body].rotation, [0, 1, 2].map(|k| self.turn[k][1]));
         cross(a, y)
@@ -213,7 +213,7 @@ impl Gimballed {
     }
 
     /// One step: rotor actions for the force (world, N) and the moment about the drone's z (N m) that reach the carrier.
-    pub fn push(&mut self, poses: &[Pose<f64>], force: Vec3<f64>, yaw_moment: f64, input: &mut [f64]) {
+    pub fn push(&mut self, poses: &[FrameKinematics<f64>], force: Vec3<f64>, yaw_moment: f64, input: &mut [f64]) {
         let (own, base) = (&poses[self.mount.body], &poses[self.mount.carrier]);
         let up = [own.rotation[0][2], own.rotation[1][2], own.rotation[2][2]];
         let thrust = dot(force, up).clamp(MIN_THRUST_SHARE * self.max_thrust, MAX_THRUST_SHARE * self.max_thrust);
@@ -259,7 +259,7 @@ impl Gimballed {
 }
 
 /// A body as a controller sees it.
-pub fn kinematics(pose: &Pose<f64>) -> Kinematics<f64> {
+pub fn kinematics(pose: &FrameKinematics<f64>) -> Kinematics<f64> {
     Kinematics {
         position: pose.position,
         velocity: pose.velocity,

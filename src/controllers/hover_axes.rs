@@ -1,6 +1,6 @@
 //! The axes in which a vehicle hovers level: what a controller of rigid vehicles calls the body's.
 //!
-//! Where hover leans ([`Hover`]), a controller is built for the vehicle [`upright`](dynamics::Vehicle::upright), and sees its
+//! Where hover leans ([`HoverTrim`]), a controller is built for the vehicle [`upright`](dynamics::Vehicle::upright), and sees its
 //! motion in those axes: q_h = q ⊗ q*_hover, ω_h = R_hover ω. Position and velocity are those of the base origin as ever. Of a
 //! vehicle that hovers level they are the body's axes, and nothing is computed.
 
@@ -8,7 +8,7 @@ use super::kinematics::Kinematics;
 use autodiff::Scalar;
 use base::error::{Error, Result};
 use dynamics::spatial::{Quat, Vec3, conjugate, identity, multiply, rotate, rotate_back, up_axis};
-use dynamics::{Hover, Plant, Vehicle};
+use dynamics::{HoverTrim, Plant, Vehicle};
 use flight::Commanded;
 
 /// From body axes to those in which a vehicle hovers level.
@@ -34,7 +34,7 @@ impl HoverAxes<f64> {
     }
 
     /// Of a hover.
-    pub fn at(hover: &Hover) -> Self {
+    pub fn at(hover: &HoverTrim) -> Self {
         Self { leans: !hover.is_level(), turn: hover.attitude }
     }
 

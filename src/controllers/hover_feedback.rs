@@ -11,11 +11,11 @@
 //! Position and velocity are taken in the frame of the reference's heading. Far errors are cut at what [`HoverWeights::reach`]
 //! allows, and z waits while a rotor is at a limit or the position is far (a third of the reach), so that it does not wind up. The rotor speeds are measured.
 
-use super::cascade::{CascadeModel, Rates, Schedule};
+use super::cascade::{CascadeModel, RateDivisors, Rates};
 use super::design::{ErrorState, Regulator, TrimTarget, bryson, lqi_of, lqr_of, trim};
 use super::hover_axes::HoverAxes;
 use super::kinematics::Kinematics;
-use super::law::{ControlLaw, Moment};
+use super::law::{ControlLaw, LawInput};
 use super::position::add_drag;
 use super::rate::{RateCommand, moment};
 use super::velocity::{VelocityCommand, attitude_command};
@@ -101,7 +101,7 @@ impl HoverFeedback {
         let axes = HoverAxes::of(&vehicle);
         let leaning = if axes.leans() { Some(Plant::of_vehicle(&vehicle.upright(), *plant.physics())?) } else { None };
         let plant = leaning.as_ref().unwrap_or(plant);
-        let every = Schedule::new(rates, plant.physics().dt)?.every[2];
+        let every = RateDivisors::new(rates, plant.physics().dt)?.every[2];
         let period = every as f64 * plant.physics().dt;
         let (a, b) = sampled(plant, vehicle.n_rotor(), every)?;
         let (q, r) = weights.costs(vehicle.n_rotor(), integrates)?;
@@ -128,7 +128,7 @@ impl HoverFeedback {
     }
 
     /// State, commands and frame of a reference, first those of the body, then of the rotors.
-    fn flat<S: Scalar>(&self, state: &Kinematics<S>, now: &Moment<'_, S>) -> Flat<S> {
+    fn flat<S: Scalar>(&self, state: &Kinematics<S>, now: &LawInput<'_, S>) -> Flat<S> {
         let model = CascadeModel::<S, MAX_ROTORS>::constant(&self.model);
         let sample = now.sample();
         let wanted = [sample.velocity, sample.acceleration, sample.jerk];
@@ -149,7 +149,7 @@ impl HoverFeedback {
     }
 
     /// (x ⊖ x_ref, then what is integrated now): position and velocity along the reference's heading.
-    fn error<S: Scalar>(&self, state: &Kinematics<S>, now: &Moment<'_, S>, flat: &Flat<S>) -> [S; BODY] {
+    fn error<S: Scalar>(&self, state: &Kinematics<S>, now: &LawInput<'_, S>, flat: &Flat<S>) -> [S; BODY] {
         let sample = now.sample();
         let (s, c) = flat.yaw.sin_cos();
         let along = |v: [S; 3]| [c * v[0] + s * v[1], c * v[1] - s * v[0], v[2]];
@@ -257,7 +257,7 @@ impl ControlLaw for HoverFeedback {
         vec![0.0; if self.integrates { INTEGRATED } else { 0 }]
     }
 
-    fn tick<S: Scalar>(&self, now: &Moment<'_, S>, memory: &mut [S], commands: &mut [S]) {
+    fn tick<S: Scalar>(&self, now: &LawInput<'_, S>, memory: &mut [S], commands: &mut [S]) {
         let state = HoverAxes::constant(&self.model.axes).kinematics(&now.kinematics());
         let flat = self.flat(&state, now);
         let error = self.error(&state, now, &flat);

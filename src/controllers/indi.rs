@@ -26,12 +26,12 @@
 use super::allocation::AllocationFunction;
 use super::allocation::problem::{Problem, WRENCH};
 use super::attitude::Orientation;
-use super::believed::Believed;
-use super::cascade::{Rates, Schedule};
+use super::believed::NominalBody;
+use super::cascade::{RateDivisors, Rates};
 use super::hover_axes::HoverAxes;
-use super::integral::Missing;
+use super::integral::IntegralState;
 use super::kinematics::Kinematics;
-use super::law::{ControlLaw, Moment};
+use super::law::{ControlLaw, LawInput};
 use super::low_pass::LowPass;
 use super::parameters::{GainSet, validate_gains};
 use super::position::add_drag;
@@ -63,7 +63,7 @@ const ALONG_HEADING: f64 = 0.3;
 ///   not run in lanes.
 #[derive(Clone)]
 pub struct IndiLaw {
-    believed: Believed,
+    believed: NominalBody,
     axes: HoverAxes<f64>,
     gains: Gains,
     /// k_f and T_max of every rotor.
@@ -84,12 +84,12 @@ struct Memory<S> {
     filters: [[S; 2]; 6],
     last: [S; 6],
     /// Of the force; what is missing of the moment is in the filtered signals.
-    missing: Missing<S>,
+    missing: IntegralState<S>,
 }
 
 impl<S: Scalar> Memory<S> {
     const FILTERS: usize = 18;
-    const DIM: usize = Self::FILTERS + Missing::<S>::DIM;
+    const DIM: usize = Self::FILTERS + IntegralState::<S>::DIM;
 
     #[inline]
     fn read(x: &[S]) -> Self {
@@ -97,7 +97,7 @@ impl<S: Scalar> Memory<S> {
         for k in 0..6 {
             (filters[k], last[k]) = ([x[2 * k], x[2 * k + 1]], x[12 + k]);
         }
-        Self { filters, last, missing: Missing::read(&x[Self::FILTERS..]) }
+        Self { filters, last, missing: IntegralState::read(&x[Self::FILTERS..]) }
     }
 
     #[inline]
@@ -140,11 +140,11 @@ impl IndiLaw {
         validate_gains(gains)?;
         let axes = HoverAxes::of(&vehicle);
         let vehicle = &vehicle.upright();
-        let every = Schedule::new(rates, physics.dt)?.every[2];
+        let every = RateDivisors::new(rates, physics.dt)?.every[2];
         let period = every as f64 * physics.dt;
         let problem = Problem::of_vehicle(vehicle)?.with_priorities(&PRIORITIES);
         Ok(Self {
-            believed: Believed::new(vehicle)?,
+            believed: NominalBody::new(vehicle)?,
             axes,
             gains: *gains,
             coefficient: vehicle.rotors.iter().map(|r| r.thrust_coefficient).collect(),
@@ -163,7 +163,7 @@ impl IndiLaw {
         &self,
         gains: &GainSet<S>,
         state: &Kinematics<S>,
-        now: &Moment<'_, S>,
+        now: &LawInput<'_, S>,
         missing: Vec3<S>,
     ) -> (Vec3<Jet<S, 3>>, VelocityCommand<S>) {
         let sample = now.sample();
@@ -266,7 +266,7 @@ impl ControlLaw for IndiLaw {
         GainSet::<f64>::names("")
     }
 
-    fn tick<S: Scalar>(&self, now: &Moment<'_, S>, memory: &mut [S], commands: &mut [S]) {
+    fn tick<S: Scalar>(&self, now: &LawInput<'_, S>, memory: &mut [S], commands: &mut [S]) {
         let n = self.max_thrust.len();
         let gains =
             if now.parameters.is_empty() { GainSet::constant(&self.gains) } else { GainSet::read(now.parameters) };

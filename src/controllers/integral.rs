@@ -18,13 +18,13 @@
 //! Source: Ohnishi, Shibata and Murakami 1996 (disturbance observers of motion control); the automatic reset of
 //! Åström and Hägglund 2006, section 3.5.
 
-use super::believed::Believed;
+use super::believed::NominalBody;
 use super::kinematics::Kinematics;
 use autodiff::Scalar;
 
 /// The memory of integral action.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Missing<S> {
+pub(super) struct IntegralState<S> {
     /// Velocity (world) and angular velocity (body) as they should be at the next tick.
     expected: [S; 6],
     /// d̂: of v̇ (world, m/s²) and ω̇ (body, rad/s²).
@@ -33,7 +33,7 @@ pub(super) struct Missing<S> {
     pub(super) started: S,
 }
 
-impl<S: Scalar> Missing<S> {
+impl<S: Scalar> IntegralState<S> {
     /// Numbers in the flat form: what is expected, what is missing, whether it has begun.
     pub(super) const DIM: usize = 13;
 
@@ -68,7 +68,14 @@ impl<S: Scalar> Missing<S> {
     }
 
     /// What is expected at the next tick, with the wrench [F_z, M] that the rotors give from now on.
-    pub(super) fn expect(&mut self, tick: S, state: &Kinematics<S>, believed: &Believed, rotors: [S; 4], period: f64) {
+    pub(super) fn expect(
+        &mut self,
+        tick: S,
+        state: &Kinematics<S>,
+        believed: &NominalBody,
+        rotors: [S; 4],
+        period: f64,
+    ) {
         let due = S::constant(0.5).lt(tick);
         let gained = believed.acceleration(state, rotors);
         for k in 0..6 {

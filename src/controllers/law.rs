@@ -3,7 +3,7 @@
 //! A solver inside a law is an [`Operation`](autodiff::Operation), such as an
 //! [`AllocationFunction`](super::allocation::AllocationFunction): recordings then hold one call of it, with its derivative.
 
-use super::cascade::Schedule;
+use super::cascade::RateDivisors;
 use super::controller::{Controller, Measurement, Target, forward};
 use super::kinematics::Kinematics;
 use super::reference::Setpoint;
@@ -16,7 +16,7 @@ use std::sync::Arc;
 
 /// What a law gets in a tick.
 #[derive(Debug, Clone, Copy)]
-pub struct Moment<'a, S> {
+pub struct LawInput<'a, S> {
     /// What is measured: the state of the whole plant, in its layout.
     pub state: &'a [S],
     /// What [`ControlLaw::write_target`] wrote.
@@ -27,7 +27,7 @@ pub struct Moment<'a, S> {
     pub parameters: &'a [S],
 }
 
-impl<S: Scalar> Moment<'_, S> {
+impl<S: Scalar> LawInput<'_, S> {
     /// Motion of the plant's root.
     #[inline]
     pub fn kinematics(&self) -> Kinematics<S> {
@@ -62,7 +62,7 @@ pub trait ControlLaw: Send + Sync + 'static {
         true
     }
     /// The schedule of its levels, where it was built for one.
-    fn schedule(&self) -> Option<Schedule> {
+    fn schedule(&self) -> Option<RateDivisors> {
         None
     }
     /// What follows the reference: the root of the plant unless told otherwise.
@@ -100,14 +100,14 @@ pub trait ControlLaw: Send + Sync + 'static {
         Vec::new()
     }
     /// One tick: the new memory over the old, commands in [−1, 1] at their places in the plant's input.
-    fn tick<S: Scalar>(&self, now: &Moment<'_, S>, memory: &mut [S], commands: &mut [S])
+    fn tick<S: Scalar>(&self, now: &LawInput<'_, S>, memory: &mut [S], commands: &mut [S])
     where
         Self: Sized;
 }
 
 /// A law with its memory and its clock: a [`Controller`].
 #[derive(Debug)]
-pub struct Running<L> {
+pub struct LawController<L> {
     law: Arc<L>,
     parameters: Vec<f64>,
     memory: Vec<f64>,
@@ -116,7 +116,7 @@ pub struct Running<L> {
     tick: u64,
 }
 
-impl<L> Clone for Running<L> {
+impl<L> Clone for LawController<L> {
     fn clone(&self) -> Self {
         let [parameters, memory, target, ticks] =
             [&self.parameters, &self.memory, &self.target, &self.ticks].map(|v| v.to_vec());
@@ -124,7 +124,7 @@ impl<L> Clone for Running<L> {
     }
 }
 
-impl<L: ControlLaw> Running<L> {
+impl<L: ControlLaw> LawController<L> {
     /// Before its first tick.
     pub fn of(law: L) -> Self {
         Self {
@@ -150,12 +150,12 @@ impl<L: ControlLaw> Running<L> {
     }
 }
 
-impl<L: ControlLaw> Controller for Running<L> {
+impl<L: ControlLaw> Controller for LawController<L> {
     forward! { self.law;
         fn name(&self) -> &str;
         fn description(&self) -> String;
         fn rate(&self) -> Option<f64>;
-        fn schedule(&self) -> Option<Schedule>;
+        fn schedule(&self) -> Option<RateDivisors>;
         fn tracked(&self, state: &[f64]) -> Kinematics<f64>;
         fn is_batched(&self) -> bool;
     }
@@ -168,7 +168,8 @@ impl<L: ControlLaw> Controller for Running<L> {
         self.law.write_target(target, seen.time, &mut self.target);
         self.law.write_ticks(self.tick, &mut self.ticks);
         self.tick += 1;
-        let now = Moment { state: seen.state, target: &self.target, ticks: &self.ticks, parameters: &self.parameters };
+        let now =
+            LawInput { state: seen.state, target: &self.target, ticks: &self.ticks, parameters: &self.parameters };
         self.law.tick(&now, &mut self.memory, commands);
     }
 
@@ -205,7 +206,7 @@ impl RecordedLaw {
             let (parameters, memory) = z.split_at(cuts[3]);
             let mut memory = memory.to_vec();
             let mut commands = vec![Scalar::zero(); n_input];
-            law.tick(&Moment { state, target, ticks, parameters }, &mut memory, &mut commands);
+            law.tick(&LawInput { state, target, ticks, parameters }, &mut memory, &mut commands);
             memory.append(&mut commands);
             memory
         });
@@ -229,7 +230,7 @@ impl ControlLaw for RecordedLaw {
         fn description(&self) -> String;
         fn rate(&self) -> Option<f64>;
         fn is_batched(&self) -> bool;
-        fn schedule(&self) -> Option<Schedule>;
+        fn schedule(&self) -> Option<RateDivisors>;
         fn tracked(&self, state: &[f64]) -> Kinematics<f64>;
         fn n_target(&self) -> usize;
         fn write_target(&self, target: Target<'_>, time: f64, row: &mut [f64]);
@@ -243,7 +244,7 @@ impl ControlLaw for RecordedLaw {
     fn parameters(&self) -> Vec<f64> {
         self.parameters.clone()
     }
-    fn tick<S: Scalar>(&self, now: &Moment<'_, S>, memory: &mut [S], commands: &mut [S]) {
+    fn tick<S: Scalar>(&self, now: &LawInput<'_, S>, memory: &mut [S], commands: &mut [S]) {
         let mut inputs = [now.state, now.target, now.ticks].concat();
         if now.parameters.is_empty() {
             inputs.extend(self.parameters.iter().map(|p| S::constant(*p)));

@@ -95,7 +95,7 @@ mod tests {
     use crate::cascade::Rates;
     use crate::controller::{Controller as _, Measurement, Target};
     use crate::reference::{Lemniscate, LoadPath, Reference};
-    use crate::state_feedback::{Lqr, Weights};
+    use crate::state_feedback::{Lqr, LqrWeights};
     use autodiff::System as _;
     use dynamics::configurations::{InvertedPendulum, Payload};
     use dynamics::{Effects, Physics};
@@ -105,7 +105,7 @@ mod tests {
         let physics = Physics { dt: 0.004, effects: Effects::lean(), ..Physics::default() };
         let system = Multibody::new(model, physics).unwrap();
         let rates = Rates::every_step(0.004);
-        let mut lqr = Lqr::with_weights(&system, None, &rates, &Weights::default()).unwrap();
+        let mut lqr = Lqr::with_weights(&system, None, &rates, &LqrWeights::default()).unwrap();
         let path = Lemniscate { rate: 0.8, scale: [2.5, 2.5, 1.0], vertical: 0.5, ..Lemniscate::default() };
         let way = Carried { path: LoadPath::Lemniscate(path), lever };
         let reference = Reference::Carried(way.clone());

@@ -3,7 +3,7 @@
 //! Servos hold the rest pose: position servos by themselves, rate servos by a proportional loop around them. All rotors
 //! then serve one cascade, whose base frame stands at the centre of mass and keeps the root's axes.
 
-use super::cascade::{Cascade, Rates, Schedule};
+use super::cascade::{Cascade, RateDivisors, Rates};
 use super::controller::{Controller, Measurement, Target};
 use super::kinematics::Kinematics;
 use base::error::Result;
@@ -52,7 +52,7 @@ impl LockedJoints {
 }
 
 impl Controller for LockedJoints {
-    fn schedule(&self) -> Option<Schedule> {
+    fn schedule(&self) -> Option<RateDivisors> {
         Some(self.cascade.schedule)
     }
 

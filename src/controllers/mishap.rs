@@ -84,7 +84,7 @@ impl fmt::Display for Mishap {
 
 /// What a flight was like over the ground.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Judgement {
+pub struct FlightCheck {
     /// Least height of the lowest point of all bodies and rotors above the ground, m; above z = 0 where there is none.
     pub lowest: f64,
     /// Whether the ground counted.
@@ -97,7 +97,7 @@ pub struct Judgement {
 ///
 /// # Errors
 /// As [`vehicle_in`].
-pub fn judge(plant: &Plant, flight: &Flight, ground: bool) -> Result<Judgement> {
+pub fn judge(plant: &Plant, flight: &Flight, ground: bool) -> Result<FlightCheck> {
     let bodies = bodies_of(plant)?;
     let heights: Vec<f64> =
         flight.states.chunks_exact(bodies.rest_state().len()).map(|row| height(&bodies, row)).collect();
@@ -107,7 +107,7 @@ pub fn judge(plant: &Plant, flight: &Flight, ground: bool) -> Result<Judgement> 
         mishaps.extend(below_ground(&bodies, plant.physics().effects.contact, flight, &heights));
     }
     mishaps.sort_by(|a, b| a.time().total_cmp(&b.time()));
-    Ok(Judgement { lowest: heights.iter().fold(f64::INFINITY, |least, h| least.min(*h)), ground, mishaps })
+    Ok(FlightCheck { lowest: heights.iter().fold(f64::INFINITY, |least, h| least.min(*h)), ground, mishaps })
 }
 
 impl Mishap {

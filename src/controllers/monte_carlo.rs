@@ -6,11 +6,11 @@
 
 use super::clocked_step::{self, ClockedStep};
 use super::closed_loop::ClosedLoop;
-use super::confidence::{Quantile, Share};
+use super::confidence::{Proportion, Quantile};
 use super::controller::Target;
 use super::flight::LOST;
 use super::hover_axes::HoverAxes;
-use super::law::{ControlLaw, Running};
+use super::law::{ControlLaw, LawController};
 use super::reference::{Hover, Reference};
 use autodiff::System;
 use autodiff::program::BLOCK;
@@ -59,7 +59,7 @@ pub struct MonteCarloResult {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct MonteCarloSummary {
     /// Flights that were lost.
-    pub lost: Share,
+    pub lost: Proportion,
     /// Median RMSE, m; a lost flight's is infinite.
     pub median: Quantile,
     /// RMSE that 95 % of the flights do not exceed, m; likewise.
@@ -76,7 +76,7 @@ impl MonteCarloSummary {
             flown.iter().map(|o| if o.lost_at.is_some() { f64::INFINITY } else { o.rmse }).collect();
         errors.sort_by(f64::total_cmp);
         Self {
-            lost: Share::counted(lost, flown.len(), confidence),
+            lost: Proportion::counted(lost, flown.len(), confidence),
             median: Quantile::met(&errors, 0.5, confidence),
             percentile_95: Quantile::met(&errors, 0.95, confidence),
             confidence,
@@ -87,7 +87,7 @@ impl MonteCarloSummary {
 /// Many flights of one loop.
 #[derive(Debug)]
 pub struct MonteCarlo<'a, L> {
-    system: &'a ClosedLoop<Running<L>>,
+    system: &'a ClosedLoop<LawController<L>>,
     step: ClockedStep,
     /// s.
     transient: f64,
@@ -99,7 +99,7 @@ impl<'a, L: ControlLaw> MonteCarlo<'a, L> {
     ///
     /// # Errors
     /// [`Error::Limit`] if the recording is too large.
-    pub fn new(system: &'a ClosedLoop<Running<L>>) -> Result<Self> {
+    pub fn new(system: &'a ClosedLoop<LawController<L>>) -> Result<Self> {
         let clocked = |k| {
             let mut row = vec![0.0; system.n_clocked()];
             system.write_clocked(k, Target::level(&STAY), &mut row);

@@ -30,7 +30,7 @@ use super::allocation::null_space::NullSpaceAllocator;
 use super::allocation::problem::Rewrite;
 use super::allocation::{Axis, Cone, Problem};
 use super::attitude::Orientation;
-use super::cascade::{Rates, Schedule};
+use super::cascade::{RateDivisors, Rates};
 use super::controller::{Controller, Measurement, Note, Target};
 use super::gimballed::{Gimballed, MAX_THRUST_SHARE, liftable, mounts};
 use super::kinematics::Kinematics;
@@ -43,7 +43,7 @@ use autodiff::safe;
 use base::error::{Error, Result};
 use dynamics::Gains;
 use dynamics::spatial::{Mat3, Vec3, add, axpy, cross, dot, inverse, mat_mul, mat_vec, scale, sub, transpose};
-use dynamics::tree::{Model, Multibody, Pose, body_poses, body_poses_into, center_of_mass, momentum};
+use dynamics::tree::{FrameKinematics, Model, Multibody, body_poses, body_poses_into, center_of_mass, momentum};
 use nalgebra::DMatrix;
 
 /// Bandwidth of the drones' attitude loops over that of the frame's.
@@ -85,7 +85,7 @@ impl Directions {
 }
 
 /// Six axes of a frame under drones on cardan joints.
-pub struct Platform {
+pub struct PlatformController {
     system: Multibody,
     drones: Vec<Gimballed>,
     /// Of each drone, in its own axes, at its share of the weight, N s/m.
@@ -96,12 +96,12 @@ pub struct Platform {
     directions: Directions,
     allocation: NullSpaceAllocator,
     built_for: (Option<Gains>, Rates),
-    schedule: Schedule,
+    schedule: RateDivisors,
     step: u64,
     /// World, N; and about the drones' z, N m.
     forces: Vec<Vec3<f64>>,
     twists: Vec<f64>,
-    poses: Vec<Pose<f64>>,
+    poses: Vec<FrameKinematics<f64>>,
     /// Joints, held directions, last forces, axes of the frame; and the goal of the inputs.
     points: Vec<Vec3<f64>>,
     held: Vec<Vec3<f64>>,
@@ -116,7 +116,7 @@ pub(crate) fn is_platform(model: &Model) -> bool {
     n >= 2 && drones && model.bodies().len() == 1 + 2 * n && model.rotors().iter().all(|r| r.body != 0)
 }
 
-impl Platform {
+impl PlatformController {
     /// With default [`Directions`]. Of `gains`, position and velocity are the frame's (its rotation gets the same poles),
     /// attitude and rate each drone's; without, the drones' are derived and the frame's follow by pole placement.
     ///
@@ -161,7 +161,7 @@ impl Platform {
             directions,
             built_for: (gains.copied(), *rates),
             allocation: NullSpaceAllocator::new(problem)?,
-            schedule: Schedule::new(rates, system.physics().dt)?,
+            schedule: RateDivisors::new(rates, system.physics().dt)?,
             step: 0,
             forces: vec![[0.0; 3]; n],
             twists: vec![0.0; n],
@@ -262,7 +262,7 @@ impl Platform {
     }
 
     /// Inertia, drag, geometry and cones of the present shape.
-    fn renew(&mut self, state: &[f64], poses: &[Pose<f64>]) {
+    fn renew(&mut self, state: &[f64], poses: &[FrameKinematics<f64>]) {
         let (center, frame) = (center_of_mass(&self.system, state), &poses[0]);
         let back = transpose(frame.rotation);
         let body = &mut self.law.body;
@@ -287,7 +287,7 @@ impl Platform {
         });
     }
 
-    fn allocate(&mut self, poses: &[Pose<f64>], mut wrench: Wrench<f64>) {
+    fn allocate(&mut self, poses: &[FrameKinematics<f64>], mut wrench: Wrench<f64>) {
         let frame = poses[0].rotation;
         let damping = self.drones.iter().fold([0.0; 3], |sum, d| add(sum, d.reaction()));
         let damping = mat_vec(transpose(frame), damping);
@@ -344,12 +344,12 @@ fn law(model: &Model, drones: &[Gimballed], gains: Option<&Gains>, pole: f64) ->
 }
 
 /// Where a drone's joint is, world, m.
-fn place(drone: &Gimballed, poses: &[Pose<f64>]) -> Vec3<f64> {
+fn place(drone: &Gimballed, poses: &[FrameKinematics<f64>]) -> Vec3<f64> {
     poses[drone.mount.body].position
 }
 
 /// What the frame feels when it turns: I of the [module](self), in its axes.
-fn inertia(model: &Model, drones: &[Gimballed], poses: &[Pose<f64>], center: Vec3<f64>) -> Mat3<f64> {
+fn inertia(model: &Model, drones: &[Gimballed], poses: &[FrameKinematics<f64>], center: Vec3<f64>) -> Mat3<f64> {
     let frame = &model.bodies()[0];
     let back = transpose(poses[0].rotation);
     let own = frame.inertia.matrix();
@@ -439,7 +439,7 @@ pub fn clear(way: Vec3<f64>, before: Vec3<f64>, angle: f64) -> Vec3<f64> {
     axpy(scale(c, side), s, way)
 }
 
-impl Controller for Platform {
+impl Controller for PlatformController {
     fn name(&self) -> &str {
         "platform"
     }
@@ -455,7 +455,7 @@ impl Controller for Platform {
         format!("{axes} by {n} force vectors; poles at -{frame:.2} 1/s, drones {drones:.1} rad/s")
     }
 
-    fn schedule(&self) -> Option<Schedule> {
+    fn schedule(&self) -> Option<RateDivisors> {
         Some(self.schedule)
     }
 

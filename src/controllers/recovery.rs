@@ -8,10 +8,10 @@
 //! Straight-line controllers fly 64 starts side by side, the next as soon as one is decided, others one by one in `f64`.
 
 use super::clocked_step::ClockedStep;
-use super::closed_loop::{ClosedLoop, Outside};
+use super::closed_loop::{ClosedLoop, ExogenousInputs};
 use super::confidence::clopper_pearson;
 use super::controller::{Controller, Target};
-use super::law::{RecordedLaw, Running};
+use super::law::{LawController, RecordedLaw};
 use super::reference::{Hover, Reference};
 use super::start::start_on;
 use autodiff::System;
@@ -206,7 +206,7 @@ pub fn recovery_map(
     let law = controller.recorded(plant)?;
     let batched = law.is_some();
     let fates = match law {
-        Some(law) => flights.in_lanes(&ClosedLoop::new(plant.clone(), Running::of(law))?, threads)?,
+        Some(law) => flights.in_lanes(&ClosedLoop::new(plant.clone(), LawController::of(law))?, threads)?,
         None => flights.one_by_one(plant, build, threads)?,
     };
     let cell = |(cell, fates): (usize, &[Watch])| {
@@ -263,7 +263,7 @@ impl Flights<'_> {
         self.plan.start(&self.hover, self.root, flight / self.plan.n, flight % self.plan.n)
     }
 
-    fn in_lanes(&self, system: &ClosedLoop<Running<RecordedLaw>>, threads: &Threads) -> Result<Vec<Watch>> {
+    fn in_lanes(&self, system: &ClosedLoop<LawController<RecordedLaw>>, threads: &Threads) -> Result<Vec<Watch>> {
         let inputs = |k| {
             let mut row = vec![0.0; system.n_input()];
             system.write_input(k, Target::level(&self.here), &Disturbance::none(), &mut row);
@@ -282,7 +282,7 @@ impl Flights<'_> {
     /// Some of the flights: as soon as one is decided the next takes its lane, in step with the clock of the others.
     fn part_in_lanes(
         &self,
-        system: &ClosedLoop<Running<RecordedLaw>>,
+        system: &ClosedLoop<LawController<RecordedLaw>>,
         step: &ClockedStep,
         rows: &[Vec<f64>],
         flights: Range<usize>,
@@ -331,7 +331,7 @@ impl Flights<'_> {
     ) -> Result<Vec<Watch>> {
         let flown = threads.map(self.n(), |flight| -> Result<Watch> {
             let mut system = ClosedLoop::new(plant.clone(), build()?)?;
-            let (mut x, mut watch, calm) = (self.start(flight), Watch::default(), Outside::none());
+            let (mut x, mut watch, calm) = (self.start(flight), Watch::default(), ExogenousInputs::none());
             let mut next = x.clone();
             for k in 0..self.n_step {
                 system.advance(&x, Target::level(&self.here), &calm, &mut next)?;
@@ -399,8 +399,9 @@ mod tests {
     fn a_start_fares_the_same_in_whatever_lane_and_behind_whatever_flight() {
         let plant = Plant::of_vehicle(&vehicles::by_name("hummingbird").unwrap(), Physics::default()).unwrap();
         let controller = registry::default_controller(&plant, &registry::Setup::new(None, &Rates::default())).unwrap();
-        let system =
-            || ClosedLoop::new(plant.clone(), Running::of(controller.recorded(&plant).unwrap().unwrap())).unwrap();
+        let system = || {
+            ClosedLoop::new(plant.clone(), LawController::of(controller.recorded(&plant).unwrap().unwrap())).unwrap()
+        };
         let here = Reference::Hover(Hover { position: [0.0; 3], yaw: 0.0 });
         let hover = start_on(&plant, &controller, &here).unwrap();
         let fates = |n| {

@@ -7,12 +7,12 @@ use super::fault_tolerant::FaultTolerant;
 use super::formation::FormationController;
 use super::hover_feedback::{HoverFeedback, HoverWeights};
 use super::indi::IndiLaw;
-use super::law::Running;
+use super::law::LawController;
 use super::locked_joints::LockedJoints;
-use super::platform::{self, Platform, is_platform};
+use super::platform::{self, PlatformController, is_platform};
 use super::start::free;
-use super::state_feedback::{Lqr, Weights, suits};
-use super::transport::{TiltLimits, Transport, is_transport};
+use super::state_feedback::{Lqr, LqrWeights, suits};
+use super::transport::{TiltLimits, TransportController, is_transport};
 use super::vectored::{Vectored, vectored};
 use base::error::{Error, Result};
 use dynamics::tree::{Model, Multibody};
@@ -37,7 +37,7 @@ impl<'a> Setup<'a> {
 }
 
 /// One controller.
-pub struct Entry {
+pub struct ControllerEntry {
     /// As on the command line.
     pub name: &'static str,
     /// What it flies, in words.
@@ -53,7 +53,7 @@ pub struct Entry {
     build: fn(&Plant, &Setup<'_>) -> Result<Box<dyn Controller>>,
 }
 
-impl Entry {
+impl ControllerEntry {
     /// Whether it is made for such a plant.
     pub fn suits(&self, plant: &Plant) -> bool {
         (self.suits)(plant)
@@ -75,8 +75,8 @@ impl Entry {
 }
 
 /// All controllers, the most special first.
-pub const REGISTRY: [Entry; 10] = [
-    Entry {
+pub const REGISTRY: [ControllerEntry; 10] = [
+    ControllerEntry {
         name: "cascade",
         flies: "one rigid vehicle",
         tunes: "12 gains, 2 rates of integral action",
@@ -90,7 +90,7 @@ pub const REGISTRY: [Entry; 10] = [
             Ok(Box::new(law.running()))
         },
     },
-    Entry {
+    ControllerEntry {
         name: "fault_tolerant",
         flies: "one rigid vehicle that may lose rotors",
         tunes: "12 gains",
@@ -104,7 +104,7 @@ pub const REGISTRY: [Entry; 10] = [
             Ok(Box::new(FaultTolerant::new(&believed, &gains, setup.rates, physics.dt)?))
         },
     },
-    Entry {
+    ControllerEntry {
         name: "indi",
         flies: "one rigid vehicle, at the limits of its rotors",
         tunes: "12 gains",
@@ -114,10 +114,10 @@ pub const REGISTRY: [Entry; 10] = [
         build: |plant, setup| {
             let vehicle = rigid(plant)?.vehicle();
             let gains = setup.gains.copied().unwrap_or_else(|| vehicle.gains());
-            Ok(Box::new(Running::of(IndiLaw::new(vehicle, plant.physics(), &gains, setup.rates)?)))
+            Ok(Box::new(LawController::of(IndiLaw::new(vehicle, plant.physics(), &gains, setup.rates)?)))
         },
     },
-    Entry {
+    ControllerEntry {
         name: "vectored",
         flies: "machines whose rotors all sit on tilting servos",
         tunes: "12 gains",
@@ -126,7 +126,7 @@ pub const REGISTRY: [Entry; 10] = [
         may_fail: false,
         build: |plant, setup| Ok(Box::new(Vectored::new(tree(plant)?, setup.gains, setup.rates)?)),
     },
-    Entry {
+    ControllerEntry {
         name: "frozen",
         flies: "other machines with servos, which it holds at rest",
         tunes: "12 gains",
@@ -135,7 +135,7 @@ pub const REGISTRY: [Entry; 10] = [
         may_fail: false,
         build: |plant, setup| Ok(Box::new(LockedJoints::new(tree(plant)?, setup.gains, setup.rates)?)),
     },
-    Entry {
+    ControllerEntry {
         name: "lqi",
         flies: "one rigid vehicle, about hover",
         tunes: "9 weights",
@@ -143,10 +143,10 @@ pub const REGISTRY: [Entry; 10] = [
         suits: |plant| plant.tree().is_none(),
         may_fail: false,
         build: |plant, setup| {
-            Ok(Box::new(Running::of(HoverFeedback::lqi(plant, setup.rates, &HoverWeights::default())?)))
+            Ok(Box::new(LawController::of(HoverFeedback::lqi(plant, setup.rates, &HoverWeights::default())?)))
         },
     },
-    Entry {
+    ControllerEntry {
         name: "lqr",
         flies: "one drone with one chain of passive joints; one rigid vehicle, about hover",
         tunes: "5 weights, 12 gains of the levels inside; of a rigid vehicle 7 weights",
@@ -155,15 +155,19 @@ pub const REGISTRY: [Entry; 10] = [
         may_fail: true,
         build: |plant, setup| {
             let Some(system) = plant.tree() else {
-                return Ok(Box::new(Running::of(HoverFeedback::lqr(plant, setup.rates, &HoverWeights::default())?)));
+                return Ok(Box::new(LawController::of(HoverFeedback::lqr(
+                    plant,
+                    setup.rates,
+                    &HoverWeights::default(),
+                )?)));
             };
             let Some(vehicle) = setup.swift else { return Ok(Box::new(Lqr::new(system, setup.gains, setup.rates)?)) };
             let standing = system.model().bodies().iter().skip(1).any(|b| b.center_of_mass[2] > 0.0);
-            let weights = if standing { STANDING } else { Weights::default() };
+            let weights = if standing { STANDING } else { LqrWeights::default() };
             Ok(Box::new(Lqr::with_weights(system, Some(&swift(vehicle, 2.0)), setup.rates, &weights)?))
         },
     },
-    Entry {
+    ControllerEntry {
         name: "platform",
         flies: "a frame under drones on cardan joints",
         tunes: "12 gains: position and velocity of the frame, attitude and rate of the drones",
@@ -178,10 +182,10 @@ pub const REGISTRY: [Entry; 10] = [
                 (gains.position, gains.velocity) = ([pole * pole; 3], [2.0 * pole; 3]);
                 gains
             });
-            Ok(Box::new(Platform::new(system, gains.as_ref().or(setup.gains), setup.rates)?))
+            Ok(Box::new(PlatformController::new(system, gains.as_ref().or(setup.gains), setup.rates)?))
         },
     },
-    Entry {
+    ControllerEntry {
         name: "transport",
         flies: "a load under drones on bars",
         tunes: "12 gains: attitude and rate of the drones",
@@ -190,10 +194,10 @@ pub const REGISTRY: [Entry; 10] = [
         may_fail: false,
         build: |plant, setup| {
             let tilt_limits = if setup.swift.is_some() { TiltLimits::STEEP } else { TiltLimits::default() };
-            Ok(Box::new(Transport::with_tilt_limits(tree(plant)?, setup.gains, setup.rates, tilt_limits)?))
+            Ok(Box::new(TransportController::with_tilt_limits(tree(plant)?, setup.gains, setup.rates, tilt_limits)?))
         },
     },
-    Entry {
+    ControllerEntry {
         name: "formation",
         flies: "everything else, by its drones",
         tunes: "12 gains per drone",
@@ -205,7 +209,8 @@ pub const REGISTRY: [Entry; 10] = [
 ];
 
 /// A load that stands is led gently: it has to lean before it can follow.
-const STANDING: Weights = Weights { position: 0.7, swing: 4.0, acceleration: 4.0, preview: Some(0.0), reach: 0.4 };
+const STANDING: LqrWeights =
+    LqrWeights { position: 0.7, swing: 4.0, acceleration: 4.0, preview: Some(0.0), reach: 0.4 };
 /// A little more than the platform asks for.
 const SEPARATION_OF_FRAMES: f64 = 1.01 * platform::SEPARATION;
 
@@ -241,7 +246,7 @@ fn of_another_make(plant: &Plant, rule: &str) -> Error {
 /// The controller of a name for a plant.
 ///
 /// # Errors
-/// [`Error::Unknown`] with the nearest name; as [`Entry::build`].
+/// [`Error::Unknown`] with the nearest name; as [`ControllerEntry::build`].
 pub fn controller(name: &str, plant: &Plant, setup: &Setup<'_>) -> Result<Box<dyn Controller>> {
     let entry = REGISTRY.iter().find(|entry| entry.name == name).ok_or_else(|| Error::Unknown {
         kind: "controller",

@@ -11,19 +11,19 @@
 //!
 //! - Π z and Γ z are where the plant is, and what it is told, when it follows z exactly
 //!   ([`mod@super::design::follow`]): tilt, rates, rotor speeds and the loads' lean.
-//! - The sum sees [`Weights::preview`] ahead how far z departs from its Taylor series Φ z: it leans a load that stands before
+//! - The sum sees [`LqrWeights::preview`] ahead how far z departs from its Taylor series Φ z: it leans a load that stands before
 //!   the drone turns, which no feedback of the present can. Loads that hang need none of it.
 //! - Far from the reference the cost asks for more than tilt can give. d, the position from which the present tilt, lean and
-//!   velocities cost least, is held within [`Weights::reach`] of the target by moving the target towards it. Were it moved onto
+//!   velocities cost least, is held within [`LqrWeights::reach`] of the target by moving the target towards it. Were it moved onto
 //!   d in every period, the cost would still fall in every one, so the load stays up; a start far away only takes longer.
 //!
 //! Where the reference is [`Carried`] and the load a single one on a universal joint, Π z and Γ z give way to the state and
 //! the force of [`LoadFlatness`], exact however far the load leans: then a_cmd = F/(m + m_q) − g e_z − K (x ⊖ x_flat), F ahead by
 //! the rotors' lag, with its derivatives as jerk and snap. No preview is needed: that state obeys the dynamics.
 
-use super::cascade::{Cascade, CascadeModel, Rates, Schedule};
+use super::cascade::{Cascade, CascadeModel, RateDivisors, Rates};
 use super::controller::{Controller, Measurement, Target};
-use super::design::{ErrorState, Following, Regulator, bryson, follow, lqr_of};
+use super::design::{ErrorState, FeedForward, Regulator, bryson, follow, lqr_of};
 use super::kinematics::Kinematics;
 use super::linear::spectral_radius;
 use super::load_flatness::LoadFlatness;
@@ -44,7 +44,7 @@ const STILL: f64 = 1e-6;
 with_defaults! {
     /// What the feedback is to hold, as largest acceptable deviations for Bryson's rule.
     #[derive(Debug, Clone, Copy, PartialEq)]
-    pub struct Weights {
+    pub struct LqrWeights {
         /// Of the root from the reference, m. Default 0.2.
         pub position: f64 = 0.2,
         /// Of the rate of passive hinges from what the reference needs, rad/s (slides: m/s): smaller damps swinging more and
@@ -60,7 +60,7 @@ with_defaults! {
     }
 }
 
-impl Weights {
+impl LqrWeights {
     /// Checks the ranges given with the fields.
     ///
     /// # Errors
@@ -106,7 +106,7 @@ pub struct Lqr {
     cascade: Cascade,
     actions: Vec<usize>,
     regulator: Regulator,
-    following: Following,
+    following: FeedForward,
     ahead: Vec<Ahead>,
     /// 3 × n: from the slope of the cost to the position, from the target, at which the rest costs least.
     nearest: DMatrix<f64>,
@@ -151,14 +151,19 @@ impl Lqr {
     /// # Errors
     /// [`Error::Value`] for another model, a load that the drone cannot steer, or rates that do not divide 1/dt.
     pub fn new(system: &Multibody, gains: Option<&Gains>, rates: &Rates) -> Result<Self> {
-        Self::with_weights(system, gains, rates, &Weights::default())
+        Self::with_weights(system, gains, rates, &LqrWeights::default())
     }
 
     /// Likewise, with given weights.
     ///
     /// # Errors
     /// Likewise, and where a weight is not positive.
-    pub fn with_weights(system: &Multibody, gains: Option<&Gains>, rates: &Rates, weights: &Weights) -> Result<Self> {
+    pub fn with_weights(
+        system: &Multibody,
+        gains: Option<&Gains>,
+        rates: &Rates,
+        weights: &LqrWeights,
+    ) -> Result<Self> {
         let model = system.model();
         fits(model)?;
         weights.validate()?;
@@ -294,7 +299,7 @@ impl Controller for Lqr {
         format!("optimal feedback of the whole state, slowest pole at {slowest:.2} 1/s")
     }
 
-    fn schedule(&self) -> Option<Schedule> {
+    fn schedule(&self) -> Option<RateDivisors> {
         Some(self.cascade.schedule)
     }
 
@@ -452,7 +457,7 @@ impl Inner<'_> {
 }
 
 /// Q and R by Bryson's rule.
-fn costs(system: &Multibody, errors: &ErrorState, weights: &Weights) -> Result<(DMatrix<f64>, DMatrix<f64>)> {
+fn costs(system: &Multibody, errors: &ErrorState, weights: &LqrWeights) -> Result<(DMatrix<f64>, DMatrix<f64>)> {
     let mut most = vec![f64::INFINITY; errors.n_error()];
     most[..3].fill(weights.position);
     for place in &system.layout().bodies[1..] {
@@ -472,7 +477,7 @@ fn nearest(cost: &DMatrix<f64>) -> Result<DMatrix<f64>> {
 
 /// The error from x = Π z is disturbed by w = Π (Φ z − z⁺); per instant, what that adds to command and nearest position.
 /// The cost from e on is eᵀXe + 2eᵀg + …, g = Σ (A_cᵀ)ʲ⁺¹ X wⱼ, so X⁻¹g counts as error where positions are compared.
-fn ahead(following: &Following, regulator: &Regulator, nearest: &DMatrix<f64>, n: usize) -> Vec<Ahead> {
+fn ahead(following: &FeedForward, regulator: &Regulator, nearest: &DMatrix<f64>, n: usize) -> Vec<Ahead> {
     let size = regulator.cost.nrows();
     let mut left = DMatrix::zeros(6, size);
     left.rows_mut(0, 3).copy_from(&-&regulator.push);

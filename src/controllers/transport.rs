@@ -33,7 +33,7 @@ use super::allocation::null_space::NullSpaceAllocator;
 use super::allocation::problem::Rewrite;
 use super::allocation::{Cone, Problem};
 use super::attitude::Orientation;
-use super::cascade::{Rates, Schedule};
+use super::cascade::{RateDivisors, Rates};
 use super::controller::{Controller, Measurement, Note, Target};
 use super::gimballed::{Gimballed, MAX_THRUST_SHARE, Mount, liftable, mounts};
 use super::kinematics::Kinematics;
@@ -47,7 +47,7 @@ use base::defaults::with_defaults;
 use base::error::{Error, Result};
 use dynamics::Gains;
 use dynamics::spatial::{Mat3, Vec3, add, axpy, cross, dot, inverse, mat_vec, rotate, scale, sub, transpose};
-use dynamics::tree::{Model, Motion, Multibody, Pose, body_poses_into};
+use dynamics::tree::{FrameKinematics, Model, Motion, Multibody, body_poses_into};
 use nalgebra::{DMatrix, DVector, vector};
 
 /// Bandwidth of the drones' attitude loops over c: k_ḃ = 10 c is then 1.25 times that bandwidth, a quarter of the filter's
@@ -106,7 +106,7 @@ struct Bar {
 }
 
 /// The load's six axes, through bars.
-pub struct Transport {
+pub struct TransportController {
     system: Multibody,
     drones: Vec<Gimballed>,
     bars: Vec<Bar>,
@@ -118,13 +118,13 @@ pub struct Transport {
     tilt_limits: TiltLimits,
     built_for: (Option<Gains>, Rates),
     allocation: NullSpaceAllocator,
-    schedule: Schedule,
+    schedule: RateDivisors,
     step: u64,
     /// Wanted pulls with two derivatives, world, N.
     pulls: Vec<[Vec3<f64>; 3]>,
     /// Jerk and snap of the reference, world.
     ahead: [Vec3<f64>; 2],
-    poses: Vec<Pose<f64>>,
+    poses: Vec<FrameKinematics<f64>>,
     /// Equal pulls for the wrench, and the pulls' derivatives, axes of the load.
     goal: Vec<f64>,
     rates: [DVector<f64>; 2],
@@ -159,7 +159,7 @@ fn bars(model: &Model) -> Option<Vec<Bar>> {
     all.iter().map(bar).collect()
 }
 
-impl Transport {
+impl TransportController {
     /// Of `gains`, attitude and rate are each drone's; without, they are derived. All else follows by pole placement.
     ///
     /// # Errors
@@ -198,7 +198,7 @@ impl Transport {
             drag: drones.iter().map(|d| d.drag_at(share)).collect(),
             built_for: (gains.copied(), *rates),
             allocation: NullSpaceAllocator::new(problem)?,
-            schedule: Schedule::new(rates, system.physics().dt)?,
+            schedule: RateDivisors::new(rates, system.physics().dt)?,
             step: 0,
             pulls: vec![[[0.0; 3]; 3]; drones.len()],
             ahead: STILL,
@@ -281,7 +281,7 @@ impl Transport {
     }
 
     /// Pulls for a wrench, and their derivatives for the reference's jerk and snap.
-    fn allocate(&mut self, load: &Pose<f64>, wrench: &Wrench<f64>, ahead: [Vec3<f64>; 2]) {
+    fn allocate(&mut self, load: &FrameKinematics<f64>, wrench: &Wrench<f64>, ahead: [Vec3<f64>; 2]) {
         let (n, mass) = (self.drones.len(), self.law.body.mass);
         let up = load.rotation[2];
         let (drones, bars, gravity) = (&self.drones, &self.bars, self.law.body.gravity);
@@ -305,7 +305,7 @@ impl Transport {
     }
 
     /// Direction of a bar away from the load, and its rate, world.
-    fn direction(&self, poses: &[Pose<f64>], j: usize) -> [Vec3<f64>; 2] {
+    fn direction(&self, poses: &[FrameKinematics<f64>], j: usize) -> [Vec3<f64>; 2] {
         let pose = &poses[self.bars[j].body];
         let b = mat_vec(pose.rotation, self.bars[j].along);
         [b, cross(pose.angular_velocity, b)]
@@ -313,7 +313,7 @@ impl Transport {
 
     /// Linear acceleration of the load's centre of mass and its angular acceleration under the pulls along the bars as
     /// they are, world.
-    fn motion(&self, poses: &[Pose<f64>]) -> (Vec3<f64>, Vec3<f64>) {
+    fn motion(&self, poses: &[FrameKinematics<f64>]) -> (Vec3<f64>, Vec3<f64>) {
         let (load, body) = (&poses[0], &self.law.body);
         let (mut force, mut moment) = ([0.0; 3], [0.0; 3]);
         for (j, bar) in self.bars.iter().enumerate() {
@@ -330,7 +330,7 @@ impl Transport {
     }
 
     /// F_j, world, N.
-    fn push(&self, poses: &[Pose<f64>], j: usize, linear: Vec3<f64>, angular: Vec3<f64>) -> Vec3<f64> {
+    fn push(&self, poses: &[FrameKinematics<f64>], j: usize, linear: Vec3<f64>, angular: Vec3<f64>) -> Vec3<f64> {
         let (bar, load) = (&self.bars[j], &poses[0]);
         let lever = mat_vec(load.rotation, bar.anchor);
         let w = load.angular_velocity;
@@ -358,7 +358,7 @@ impl Transport {
     }
 
     /// What balances the drag of a drone as it moves, world, N.
-    fn resistance(&self, poses: &[Pose<f64>], j: usize) -> Vec3<f64> {
+    fn resistance(&self, poses: &[FrameKinematics<f64>], j: usize) -> Vec3<f64> {
         let pose = &poses[self.drones[j].mount.body];
         let local = mat_vec(transpose(pose.rotation), pose.velocity);
         mat_vec(pose.rotation, [0, 1, 2].map(|k| self.drag[j][k] * local[k]))
@@ -457,7 +457,7 @@ fn cones(
     }
 }
 
-impl Controller for Transport {
+impl Controller for TransportController {
     fn name(&self) -> &str {
         "transport"
     }
@@ -467,7 +467,7 @@ impl Controller for Transport {
         format!("pose of the load through {} bars, {:.1} s late; drones {drones:.1} rad/s", self.bars.len(), 1.0 / pace)
     }
 
-    fn schedule(&self) -> Option<Schedule> {
+    fn schedule(&self) -> Option<RateDivisors> {
         Some(self.schedule)
     }
 

@@ -41,7 +41,7 @@ use super::allocation::articulated::{
 use super::allocation::problem::{Affine, Cone, Problem, WRENCH};
 use super::allocation::{Allocator, Solver};
 use super::attitude::rate_command;
-use super::cascade::{Rates, Schedule};
+use super::cascade::{RateDivisors, Rates};
 use super::chain_shape::ChainRamp;
 use super::controller::{Controller, Measurement, Note, Target};
 use super::kinematics::Kinematics;
@@ -54,8 +54,8 @@ use dynamics::gains::SATURATION_ANGLE;
 use dynamics::rotor::{holding_action, thrust_action};
 use dynamics::spatial::{Vec3, axpy, cross, dot, inverse, mat_vec, rotate_back, scale, sub};
 use dynamics::tree::{
-    Model, Motion, Multibody, Pose, body_poses, body_poses_into, center_of_mass, inverse_dynamics, mass_matrix,
-    momentum, rest_state,
+    FrameKinematics, Model, Motion, Multibody, body_poses, body_poses_into, center_of_mass, inverse_dynamics,
+    mass_matrix, momentum, rest_state,
 };
 use dynamics::{GRAVITY, Gains};
 use nalgebra::{DMatrix, DVector};
@@ -163,7 +163,7 @@ fn nearest(angle: f64, to: f64) -> f64 {
 
 /// What is tracked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Point {
+pub enum TrackedPoint {
     /// The centre of mass of all bodies.
     #[default]
     Center,
@@ -177,17 +177,17 @@ pub struct Vectored {
     thrusters: Vec<Thruster>,
     /// Of the shape: targets of position servos.
     chain: ChainRamp,
-    point: Point,
+    point: TrackedPoint,
     law: SixAxis<f64>,
     /// Whether gains follow the inertia of the present shape.
     placed: Option<[f64; 2]>,
     built_for: (Option<Gains>, Rates),
-    schedule: Schedule,
+    schedule: RateDivisors,
     /// Of the slow stage, s.
     period: f64,
     slow: Allocator,
     fast: Allocator,
-    held: Latched,
+    held: HeldCommands,
     /// Largest accepted residuals, slow and fast.
     residual: [f64; 2],
     /// Share of its largest thrust that each rotor is known to have.
@@ -198,7 +198,7 @@ pub struct Vectored {
 /// Memory of a tick.
 #[derive(Default)]
 struct Scratch {
-    poses: Vec<Pose<f64>>,
+    poses: Vec<FrameKinematics<f64>>,
     /// Of all rotors in the present shape.
     matrix: DMatrix<f64>,
     /// Accelerations of joints and the forces that they miss; inputs that hold the rotors' speeds.
@@ -227,7 +227,7 @@ impl Scratch {
 
 /// What each level said last.
 #[derive(Debug, Clone)]
-struct Latched {
+struct HeldCommands {
     step: u64,
     /// World, N.
     force: Vec3<f64>,
@@ -251,7 +251,7 @@ impl Vectored {
     pub fn new(system: &Multibody, gains: Option<&Gains>, rates: &Rates) -> Result<Self> {
         let (model, rest) = (system.model(), system.rest_state());
         let mut thrusters = thrusters(model)?;
-        let schedule = Schedule::new(rates, system.physics().dt)?;
+        let schedule = RateDivisors::new(rates, system.physics().dt)?;
         if let Some(gains) = gains {
             validate_gains(gains)?;
         }
@@ -279,7 +279,7 @@ impl Vectored {
         let preference: Vec<f64> = model.rotors().iter().map(|r| share * r.rotor.max_thrust()).collect();
         let scene = Scene::of(system, &rest);
         let slow = slow_problem(&thrusters, &body, &scene, &rest);
-        let held = Latched {
+        let held = HeldCommands {
             step: 0,
             inputs: slow.preference.clone(),
             force: [0.0, 0.0, mass * body.gravity],
@@ -293,7 +293,7 @@ impl Vectored {
             system: system.clone(),
             built_for: (gains.copied(), *rates),
             chain: ChainRamp::rest(model),
-            point: Point::Center,
+            point: TrackedPoint::Center,
             placed: gains.is_none().then_some(bandwidths),
             slow: Allocator::new(slow)?,
             fast: Allocator::new(fast)?,
@@ -317,7 +317,7 @@ impl Vectored {
 
     /// Tracks another point than the centre of mass.
     #[must_use]
-    pub fn tracking(mut self, point: Point) -> Self {
+    pub fn tracking(mut self, point: TrackedPoint) -> Self {
         self.point = point;
         self
     }
@@ -449,7 +449,7 @@ impl Controller for Vectored {
         )
     }
 
-    fn schedule(&self) -> Option<Schedule> {
+    fn schedule(&self) -> Option<RateDivisors> {
         Some(self.schedule)
     }
 
@@ -501,8 +501,8 @@ impl Controller for Vectored {
     fn tracked(&self, state: &[f64]) -> Kinematics<f64> {
         let own = super::formation::root(&self.system, state);
         match self.point {
-            Point::Root => own,
-            Point::Center => {
+            TrackedPoint::Root => own,
+            TrackedPoint::Center => {
                 let velocity = scale(1.0 / self.law.body.mass, momentum(&self.system, state).linear);
                 Kinematics { position: center_of_mass(&self.system, state), velocity, ..own }
             }
@@ -556,7 +556,7 @@ impl Controller for Vectored {
 
 /// Where everything is, for the columns of force vectors.
 struct Scene {
-    poses: Vec<Pose<f64>>,
+    poses: Vec<FrameKinematics<f64>>,
     center: Vec3<f64>,
     root: [f64; 4],
 }

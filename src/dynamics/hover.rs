@@ -44,7 +44,7 @@ const MOST_STEPS: usize = 10_000;
 
 /// A hover of a vehicle.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Hover {
+pub struct HoverTrim {
     /// Body → world, `[w, x, y, z]`, at yaw 0; exactly the identity where the vehicle hovers level.
     pub attitude: Quat<f64>,
     /// Of each rotor, N.
@@ -57,7 +57,7 @@ pub struct Hover {
     pub up: [f64; 3],
 }
 
-impl Hover {
+impl HoverTrim {
     /// Whether body z points up.
     pub fn is_level(&self) -> bool {
         self.attitude == identity::<f64>()
@@ -75,7 +75,7 @@ impl Vehicle {
     /// # Errors
     /// [`Error::Value`] if there is none: with the axes that its rotors do not turn apart, else with the row that cannot be met, and
     /// by how much.
-    pub fn hover(&self) -> Result<Hover> {
+    pub fn hover(&self) -> Result<HoverTrim> {
         if self.rotors.is_empty() {
             let what = format!("vehicle '{}': number of rotors", self.name);
             return Err(Error::value(what, 0, "≥ 1 to hover", "List the rotors under [[rotors]]."));
@@ -187,7 +187,7 @@ impl Balance {
     }
 
     /// The hover of thrusts within their limits; `None` for others.
-    fn within(&self, mut thrusts: DVector<f64>, level: bool) -> Option<Hover> {
+    fn within(&self, mut thrusts: DVector<f64>, level: bool) -> Option<HoverTrim> {
         let shares = thrusts.component_div(&self.most);
         if shares.is_empty() || !shares.iter().all(|share| (LEAST_THRUST - SLACK..=1.0 + SLACK).contains(share)) {
             return None;
@@ -200,7 +200,7 @@ impl Balance {
         let [x, y, z] = (up / up.norm()).into();
         let attitude = if level { identity() } else { from_euler(y.atan2(z), -x.clamp(-1.0, 1.0).asin(), 0.0) };
         let thrusts = thrusts.iter().copied().collect();
-        Some(Hover { attitude, thrusts, reserve: room[tightest].max(0.0), tightest, up: up.into() })
+        Some(HoverTrim { attitude, thrusts, reserve: room[tightest].max(0.0), tightest, up: up.into() })
     }
 
     fn level_wrench(&self) -> DVector<f64> {
@@ -216,13 +216,13 @@ impl Balance {
 
     /// The least-norm solution of B T = (0, 0, m g, 0, 0, 0). Rows of upright rotors' horizontal forces are zero and drop out; tilted
     /// rotors balance theirs.
-    fn level_least(&self) -> Option<Hover> {
+    fn level_least(&self) -> Option<HoverTrim> {
         let svd = decomposed(self.matrix.clone())?;
         let thrusts = svd.solve(&self.level_wrench(), RANK * svd.singular_values.max()).ok()?;
         if self.is_level(&thrusts) { self.within(thrusts, true) } else { None }
     }
 
-    fn level_best(&self) -> Option<Hover> {
+    fn level_best(&self) -> Option<HoverTrim> {
         let scale = DVector::from_fn(6, |row, _| self.weight * if row < 3 { 1.0 } else { self.length });
         let rows = DMatrix::from_fn(6, self.n(), |i, j| self.matrix[(i, j)] / scale[i]);
         let thrusts = self.roomiest(&rows, &self.level_wrench().component_div(&scale))?;
@@ -235,7 +235,7 @@ impl Balance {
 
     /// Of all thrusts without moment, those of least norm that carry the weight, and what they push along; and their hover where they are
     /// within the limits.
-    fn leaning_least(&self) -> Option<(Vector3<f64>, Option<Hover>)> {
+    fn leaning_least(&self) -> Option<(Vector3<f64>, Option<HoverTrim>)> {
         let (forces, free) = (self.matrix.rows(0, 3), null_space(&self.moments()));
         if free.ncols() == 0 {
             return None;
@@ -258,7 +258,7 @@ impl Balance {
     }
 
     /// The least-norm solution of F T = m g `up`, M T = 0.
-    fn least_along(&self, up: &Vector3<f64>) -> Option<Hover> {
+    fn least_along(&self, up: &Vector3<f64>) -> Option<HoverTrim> {
         let mut wrench = DVector::zeros(6);
         wrench.rows_mut(0, 3).copy_from(&(up.normalize() * self.weight));
         let svd = decomposed(self.matrix.clone())?;
@@ -269,7 +269,7 @@ impl Balance {
     }
 
     /// Thrusts without moment and with the largest reserve: each linear program has the direction of the thrust from the one before.
-    fn leaning_best(&self, mut up: Vector3<f64>) -> Option<Hover> {
+    fn leaning_best(&self, mut up: Vector3<f64>) -> Option<HoverTrim> {
         let free = null_space(&self.moments());
         let mut best = None;
         for _ in 0..TURNS {

@@ -74,17 +74,17 @@ pub mod vehicle;
 pub(crate) mod vehicle_file;
 pub mod vehicles;
 
-pub use batch::{Breach, Reason, Stopped, World};
+pub use batch::{Breach, StopReason, Stopped, World};
 pub use domain::Domain;
 pub use fleet::{Downwash, Fleet};
 pub use frame::Frame;
-pub use hover::Hover;
+pub use hover::HoverTrim;
 pub use integrate::Integrator;
 pub use mesh::Mesh;
 pub use multirotor::{Multirotor, Physics};
-pub use oddities::Oddity;
+pub use oddities::VehicleWarning;
 pub use plant::{Plant, Quantity};
-pub use relief::{Relief, Wave};
+pub use relief::{GroundWave, UnevenGround};
 pub use rigid::{Disturbance, Effects, RigidModel, RigidState};
 pub use vehicle::*;
 

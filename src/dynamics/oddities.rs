@@ -19,7 +19,7 @@ use std::f64::consts::TAU;
 
 /// Something about a vehicle that is probably not what its author meant.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Oddity {
+pub struct VehicleWarning {
     /// The quantity: `mass`, `inertia`.
     pub what: String,
     /// What is odd, with the value and the band.
@@ -28,7 +28,7 @@ pub struct Oddity {
     pub remedy: String,
 }
 
-impl std::fmt::Display for Oddity {
+impl std::fmt::Display for VehicleWarning {
     /// One line: `what: rule. remedy`.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "{}: {}. {}", self.what, self.rule, self.remedy)
@@ -89,7 +89,7 @@ impl Vehicle {
     /// assert!(vehicle.oddities()[0].remedy.starts_with("Read as grams, 1.52 kg."));
     /// # Ok::<(), omnidrones::error::Error>(())
     /// ```
-    pub fn oddities(&self) -> Vec<Oddity> {
+    pub fn oddities(&self) -> Vec<VehicleWarning> {
         let mut found = Vec::new();
         match (arm(self), size(self)) {
             (_, Some(odd)) => found.push(odd),
@@ -121,9 +121,9 @@ fn arm(vehicle: &Vehicle) -> Option<f64> {
 }
 
 /// The origin that is flown, against the centre that moves.
-fn origin(vehicle: &Vehicle, arm: f64) -> Option<Oddity> {
+fn origin(vehicle: &Vehicle, arm: f64) -> Option<VehicleWarning> {
     let away = vehicle.mass_properties().center_of_mass.norm();
-    (away > FARTHEST_ORIGIN * arm).then(|| Oddity {
+    (away > FARTHEST_ORIGIN * arm).then(|| VehicleWarning {
         what: "origin".into(),
         rule: format!(
             "{} m from the centre of mass, on arms of {} m: it is the origin that controllers hold, and it swings about the centre",
@@ -135,7 +135,7 @@ fn origin(vehicle: &Vehicle, arm: f64) -> Option<Oddity> {
 }
 
 /// Mass and arm against each other.
-fn size(vehicle: &Vehicle) -> Option<Oddity> {
+fn size(vehicle: &Vehicle) -> Option<VehicleWarning> {
     let (arm, mass) = (arm(vehicle)?, vehicle.mass_properties().mass);
     let density = mass / arm.powi(3);
     if within(DENSITY, density) {
@@ -160,7 +160,7 @@ fn size(vehicle: &Vehicle) -> Option<Oddity> {
     } else {
         ("lengths", format!("below {} (a hundredth of the air)", DENSITY[0]))
     };
-    Some(Oddity {
+    Some(VehicleWarning {
         what: what.into(),
         rule: format!(
             "{} kg on arms of {} m make {} kg/m³ over the cube of the arm, {beyond}",
@@ -173,11 +173,11 @@ fn size(vehicle: &Vehicle) -> Option<Oddity> {
 }
 
 /// The moments of inertia against mass and arm.
-fn inertia(vehicle: &Vehicle, arm: f64) -> Option<Oddity> {
+fn inertia(vehicle: &Vehicle, arm: f64) -> Option<VehicleWarning> {
     let total = vehicle.mass_properties();
     let usual = USUAL * total.mass * arm * arm;
     if let Some((name, moment)) = placeholder(vehicle, usual) {
-        return Some(Oddity {
+        return Some(VehicleWarning {
             what: "inertia".into(),
             rule: format!(
                 "part '{name}' has {moment} kg m² about every axis, which programs write where nobody gave an inertia"
@@ -203,7 +203,7 @@ fn inertia(vehicle: &Vehicle, arm: f64) -> Option<Oddity> {
         remedy = format!("{} {word} it, {} kg m², would be usual. ", short(factor), short(mean * factor));
     }
     let [least, most] = GYRATION;
-    Some(Oddity {
+    Some(VehicleWarning {
         what: "inertia".into(),
         rule: format!(
             "{} kg m² (mean of the axes) of {} kg is a radius of gyration of {} arms, outside of {least} to {most}",
@@ -226,7 +226,7 @@ fn placeholder(vehicle: &Vehicle, usual: f64) -> Option<(&str, f64)> {
 }
 
 /// Speeds of blade tips, then thrust over weight.
-fn rotors(vehicle: &Vehicle) -> Option<Oddity> {
+fn rotors(vehicle: &Vehicle) -> Option<VehicleWarning> {
     let tip = |rotor: &Rotor| rotor.radius * rotor.max_speed;
     let rotor = first_most(vehicle, tip)?;
     let (speed, radius) = (rotor.max_speed, rotor.radius);
@@ -242,7 +242,7 @@ fn rotors(vehicle: &Vehicle) -> Option<Oddity> {
         let units = [("rev/min", RPM)].into_iter().filter(|(_, unit)| fits(*unit));
         read_as(units.map(|(name, unit)| (name, format!("{} rad/s", short(speed * unit)))))
     };
-    Some(Oddity {
+    Some(VehicleWarning {
         what: format!("rotor '{}'", rotor.name),
         rule: format!(
             "its blade tips turn at {} m/s ({} rad/s at a radius of {} m), faster than sound ({FASTEST_TIP})",
@@ -260,7 +260,7 @@ fn first_most(vehicle: &Vehicle, of: impl Fn(&Rotor) -> f64) -> Option<&Rotor> {
 }
 
 /// Thrust over weight.
-fn lift(vehicle: &Vehicle) -> Option<Oddity> {
+fn lift(vehicle: &Vehicle) -> Option<VehicleWarning> {
     let ratio = vehicle.thrust_to_weight();
     if within(LIFT, ratio) {
         return None;
@@ -274,7 +274,7 @@ fn lift(vehicle: &Vehicle) -> Option<Oddity> {
     let fitting = units.into_iter().filter(|(_, unit)| within([1.2, 15.0], ratio * unit));
     let remedy = read_as(fitting.map(|(name, unit)| (name, format!("{} times the weight", short(ratio * unit)))));
     let [least, most] = LIFT;
-    Some(Oddity {
+    Some(VehicleWarning {
         what: "thrust".into(),
         rule: format!("the rotors lift {} times the weight, outside of {least} to {most}", short(ratio)),
         remedy: remedy + "Write thrust_coefficient in N s²/rad², max_speed in rad/s and the mass in kg.",
@@ -282,11 +282,11 @@ fn lift(vehicle: &Vehicle) -> Option<Oddity> {
 }
 
 /// The slowest motor.
-fn time_constants(vehicle: &Vehicle) -> Option<Oddity> {
+fn time_constants(vehicle: &Vehicle) -> Option<VehicleWarning> {
     let slow = |rotor: &Rotor| rotor.time_constant_up.max(rotor.time_constant_down);
     let rotor = first_most(vehicle, slow)?;
     let seconds = slow(rotor);
-    (seconds > SLOWEST_MOTOR).then(|| Oddity {
+    (seconds > SLOWEST_MOTOR).then(|| VehicleWarning {
         what: format!("rotor '{}'", rotor.name),
         rule: format!("its motor has a time constant of {} s, above {SLOWEST_MOTOR}", short(seconds)),
         remedy: format!("Read as milliseconds, {} s. Write seconds.", short(1e-3 * seconds)),
@@ -294,7 +294,7 @@ fn time_constants(vehicle: &Vehicle) -> Option<Oddity> {
 }
 
 /// Rotors that push to a side or down.
-fn direction(vehicle: &Vehicle) -> Option<Oddity> {
+fn direction(vehicle: &Vehicle) -> Option<VehicleWarning> {
     let all = || vehicle.rotors.iter().map(|r| Vector3::from(r.axis) * r.max_thrust());
     let thrust = all().sum::<Vector3<f64>>() / all().map(|t| t.norm()).sum::<f64>();
     let [x, y, z] = (thrust / thrust.norm()).into();
@@ -311,7 +311,7 @@ fn direction(vehicle: &Vehicle) -> Option<Oddity> {
     // R = Ry(pitch) Rx(roll) takes the thrust to z; sums leave rounding errors and negative zeros
     let [y, z, x] = [y, z, x].map(|share| if share.abs() < 1e-12 { 0.0 } else { share });
     let (roll, pitch) = (y.atan2(z), -x.atan2(y.hypot(z)));
-    Some(Oddity {
+    Some(VehicleWarning {
         what: "thrust".into(),
         rule: format!("the rotors push along {along} of the base, not along z, which is up"),
         remedy: format!(
@@ -357,7 +357,7 @@ mod tests {
     }
 
     /// The one oddity.
-    fn only(vehicle: &Vehicle) -> Oddity {
+    fn only(vehicle: &Vehicle) -> VehicleWarning {
         let found = vehicle.oddities();
         assert!(found.len() == 1, "{}: {found:#?}", vehicle.name);
         found[0].clone()

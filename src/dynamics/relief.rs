@@ -14,18 +14,18 @@ const STEEPEST: f64 = 2.0;
 /// What rises over level ground: h(x, y) = s·(x, y) + Σ a sin(k·(x, y) + φ), m.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Relief {
+pub struct UnevenGround {
     /// Rise per metre along x and along y; tan of the angle for ground that rises along an axis.
     pub slope: [f64; 2],
     /// Smooth hills and hollows.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub waves: Vec<Wave>,
+    pub waves: Vec<GroundWave>,
 }
 
 /// One wave of the ground.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Wave {
+pub struct GroundWave {
     /// m.
     pub amplitude: f64,
     /// k, rad/m along x and y; its length is 2π over that of the wave.
@@ -35,7 +35,7 @@ pub struct Wave {
     pub phase: f64,
 }
 
-impl Relief {
+impl UnevenGround {
     /// Ground that rises by `angle` rad along +x.
     pub fn inclined(angle: f64) -> Self {
         Self { slope: [angle.tan(), 0.0], waves: Vec::new() }
@@ -46,7 +46,7 @@ impl Relief {
         let (sx, sy) = (S::constant(self.slope[0]), S::constant(self.slope[1]));
         let (mut height, mut slope) = (sx.mul_add(x, sy * y), [sx, sy]);
         for i in 0..self.waves.len() {
-            let Wave { amplitude, number, phase } = self.waves[i];
+            let GroundWave { amplitude, number, phase } = self.waves[i];
             let (kx, ky) = (S::constant(number[0]), S::constant(number[1]));
             let (s, c) = kx.mul_add(x, ky.mul_add(y, S::constant(phase))).sin_cos();
             let a = S::constant(amplitude);

@@ -18,14 +18,14 @@ mod file;
 mod gate;
 mod generate;
 
-pub use gate::{Gate, Passage, Slide};
+pub use gate::{Gate, GateSlide, Passage};
 pub use generate::{Corridor, Course, Forest, Generator, KINDS, Rooms, Rubble, Terrain};
 
 use super::assembly::rod;
 use super::contact::ContactMaterial;
 use super::contact::distance::{self, ground_distance, plane_distance};
 use super::mesh::Mesh;
-use super::relief::Relief;
+use super::relief::UnevenGround;
 use super::shape::{Geometry, MAX_SIZE, Pose, Shape, within};
 use super::spatial::{Vec3, add, constants};
 use autodiff::Scalar;
@@ -59,7 +59,7 @@ pub struct Scene {
     pub ground: Option<f64>,
     /// What rises over that height; `None` for a level plane.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub relief: Option<Relief>,
+    pub relief: Option<UnevenGround>,
     /// Fixed and sliding.
     pub gates: Vec<Gate>,
     /// Capsules, boxes, spheres.
@@ -104,7 +104,7 @@ impl Scene {
         self.materials.get(name).or_else(|| self.materials.get(kind)).copied()
     }
 
-    /// Signed distance of a world point to the ground, m, where there is one. With waves as exact as [`Relief::surface`].
+    /// Signed distance of a world point to the ground, m, where there is one. With waves as exact as [`UnevenGround::surface`].
     #[inline]
     fn over_ground<S: Scalar>(&self, point: Vec3<S>) -> Option<S> {
         let height = S::constant(self.ground?);

@@ -94,7 +94,7 @@ pub struct FlightLog {
     pub wind: Vec<[f64; 3]>,
     /// (roll, pitch, yaw) that were asked apart from the force, rad; empty where the force chose the attitude.
     pub asked_angles: Vec<[f64; 3]>,
-    /// Body → world at yaw 0, `[w, x, y, z]`, of a [hover](dynamics::Hover) that leans: tilt, heading and what the reference
+    /// Body → world at yaw 0, `[w, x, y, z]`, of a [hover](dynamics::HoverTrim) that leans: tilt, heading and what the reference
     /// asks are told from there. `None` of one that is level, and where nobody knows it.
     pub hover_attitude: Option<[f64; 4]>,
     /// Of a cascade; empty where what flew has no such levels.

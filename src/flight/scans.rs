@@ -2,7 +2,7 @@
 
 use base::error::Result;
 use dynamics::Quantity;
-use dynamics::sensors::{Layout, Sensor, SensorConfig};
+use dynamics::sensors::{ReadingLayout, Sensor, SensorConfig};
 use std::path::Path;
 
 /// What a camera or lidar read along a flight: a row per reading, of thousands of numbers, where other columns of a
@@ -12,7 +12,7 @@ pub struct Scans {
     /// The sensor's.
     pub sensor: String,
     /// How the numbers of a row lie about each other.
-    pub layout: Layout,
+    pub layout: ReadingLayout,
     /// Their names and units.
     pub channels: Vec<Quantity>,
     /// When each row was first read, which is the sensor's latency after it was taken, s.
@@ -27,7 +27,7 @@ impl Scans {
     pub fn of(config: &SensorConfig, sensor: &Sensor) -> Option<Self> {
         let (layout, channels) = (config.model.layout(), sensor.channels().to_vec());
         let empty = || Self { sensor: config.name.clone(), layout, channels, time: Vec::new(), readings: Vec::new() };
-        (layout != Layout::Vector).then(empty)
+        (layout != ReadingLayout::Vector).then(empty)
     }
 
     /// Number of readings.

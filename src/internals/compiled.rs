@@ -3,11 +3,11 @@
 
 use autodiff::{
     Certificate, CompiledJacobian, Gradient, JacobianScratch, Objective, Recording, Rollout, Scalar, System, Trace,
-    certify, jacobian, rollout::Scratch,
+    certify, jacobian, rollout::RolloutScratch,
 };
 use base::error::Result;
-use controllers::{CascadeLaw, ClosedLoop, Running};
-use dynamics::tree::{self, Multibody, Pose};
+use controllers::{CascadeLaw, ClosedLoop, LawController};
+use dynamics::tree::{self, FrameKinematics, Multibody};
 use dynamics::{Multirotor, Plant};
 use num_dual::Dual64;
 
@@ -32,7 +32,7 @@ macro_rules! certified {
     )+};
 }
 
-certified!(Plant, ClosedLoop<Running<CascadeLaw>>);
+certified!(Plant, ClosedLoop<LawController<CascadeLaw>>);
 
 /// A system whose steps and derivatives are timed.
 pub trait Timed: System {
@@ -93,7 +93,7 @@ pub trait ToOrigin {
 
 struct Flown<F: System> {
     rollout: Rollout<F, Distance>,
-    scratch: Scratch,
+    scratch: RolloutScratch,
     gradient: Gradient,
 }
 
@@ -137,6 +137,6 @@ pub fn energies(system: &Multibody, state: &[f64]) -> [f64; 2] {
 }
 
 /// [`tree::body_poses`].
-pub fn body_poses(system: &Multibody, state: &[f64]) -> Vec<Pose<f64>> {
+pub fn body_poses(system: &Multibody, state: &[f64]) -> Vec<FrameKinematics<f64>> {
     tree::body_poses(system, state)
 }

@@ -3,7 +3,7 @@
 use super::policy::Policy;
 use base::error::Result;
 use base::parallel::Threads;
-use tasks::{self, Autoreset, Env, EnvConfig, Evaluation, Watched};
+use tasks::{self, Autoreset, Env, EnvConfig, Evaluation, EvaluationStep};
 
 /// Which episodes are flown: the first ones of `n_env` environments of this seed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -46,7 +46,7 @@ pub fn evaluate(
     env: &EnvConfig,
     starts: Starts,
     threads: &Threads,
-    watch: &mut dyn FnMut(&Watched<'_>),
+    watch: &mut dyn FnMut(&EvaluationStep<'_>),
 ) -> Result<Evaluation> {
     let mut env = eval_env(policy, task, env, starts, threads)?;
     policy.set_threads(threads.clone());
@@ -59,7 +59,7 @@ mod tests {
     use super::super::nn::Layers;
     use super::super::policy::Actor;
     use super::*;
-    use tasks::{Stage, Statistics};
+    use tasks::{ObservationTransform, Statistics};
 
     const STARTS: Starts = Starts { n_env: 70, seed: 5 };
 
@@ -113,7 +113,7 @@ mod tests {
 
     #[test]
     fn statistics_of_the_policy_are_in_force_and_stay() {
-        let env = EnvConfig { observation: vec![Stage::Normalise { clip: 10.0 }], ..short() };
+        let env = EnvConfig { observation: vec![ObservationTransform::Normalise { clip: 10.0 }], ..short() };
         let n = policy(&env, None).actor().mlp.n_input();
         let known = Statistics { count: 10.0, mean: vec![0.5; n], variance: vec![4.0; n] };
         let mut own = policy(&env, Some(known.clone()));

@@ -14,8 +14,8 @@ use super::state;
 use base::error::{Error, Result};
 use base::parallel::Threads;
 use rng::{Purpose, Stream};
-use tasks::env::{Pending, VARIANCE_FLOOR};
-use tasks::{Env, EnvConfig, Space, Spec, Stage, Statistics};
+use tasks::env::{PendingStatistics, VARIANCE_FLOOR};
+use tasks::{Env, EnvConfig, ObservationTransform, Space, Spec, Statistics};
 
 /// How actions are chosen while experience is gathered.
 pub trait Explore: Sync {
@@ -282,7 +282,7 @@ impl Experience {
     fn normalise(&mut self, rows: f64) -> Result<()> {
         let old = self.env().statistics().clone();
         let mut shards: Vec<&mut Shard> = self.workers.iter_mut().map(|worker| &mut worker.shard).collect();
-        let Some(Pending { count, sums, squares }) = pending(&mut shards)? else { return Ok(()) };
+        let Some(PendingStatistics { count, sums, squares }) = pending(&mut shards)? else { return Ok(()) };
         // about the old mean, of numbers that were not cut
         let mut new = Statistics { count: 0.0, ..old.clone() };
         new.merge(count, &sums, &squares);
@@ -304,7 +304,7 @@ impl Experience {
     /// # Errors
     /// [`Error::Value`] for stages behind a stage `normalise`.
     pub fn check(env: &EnvConfig) -> Result<()> {
-        let normalises = |stage: &Stage| matches!(stage, Stage::Normalise { .. });
+        let normalises = |stage: &ObservationTransform| matches!(stage, ObservationTransform::Normalise { .. });
         match env.observation.iter().position(normalises) {
             Some(k) if k + 1 < env.observation.len() => {
                 let remedy = "Put it last: what is kept is brought to the scale of what is seen.";
@@ -412,7 +412,7 @@ fn whole_teams(n_agent: usize) -> usize {
 /// ± this is what observations are cut to.
 fn clip(spec: &Spec) -> f32 {
     let clip = spec.config.observation.iter().find_map(|stage| match stage {
-        Stage::Normalise { clip } => Some(*clip as f32),
+        ObservationTransform::Normalise { clip } => Some(*clip as f32),
         _ => None,
     });
     clip.unwrap_or(f32::INFINITY)

@@ -11,7 +11,7 @@ use base::parallel::Threads;
 use controllers::cascade::Level;
 use controllers::{Controller, Measurement, Reference, Target};
 use dynamics::Plant;
-use tasks::{Buffers, Env, EnvConfig, Stage};
+use tasks::{Buffers, Env, EnvConfig, ObservationTransform};
 
 /// A policy that was trained to hold a point, in command of a plant.
 pub struct PolicyController {
@@ -117,7 +117,7 @@ fn fits(env: &Env, plant: &Plant) -> Result<()> {
     if spec.config.residual > 0.0 {
         return refuse("residual", spec.config.residual.to_string(), "0, of rotors alone", "Fly it with 'eval'.");
     }
-    if spec.config.observation.iter().any(|stage| matches!(stage, Stage::History { .. })) {
+    if spec.config.observation.iter().any(|stage| matches!(stage, ObservationTransform::History { .. })) {
         return refuse("observation", "a history".into(), "of one moment", "Fly it with 'eval'.");
     }
     Ok(())

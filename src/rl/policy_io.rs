@@ -7,7 +7,7 @@ use super::policy::Policy;
 use super::state;
 use base::error::{Error, Result};
 use std::path::{Path, PathBuf};
-use tasks::{Env, EnvConfig, Spec, Stage, Statistics};
+use tasks::{Env, EnvConfig, ObservationTransform, Spec, Statistics};
 
 /// A policy and where it comes from.
 #[derive(Debug)]
@@ -81,7 +81,7 @@ fn strange(then: &Spec, now: &Spec) -> String {
 fn bare(env: &EnvConfig) -> Result<toml::Table> {
     let EnvConfig { control, action_scale, actions, dt, observation, mut randomise, sensor, own_vehicle, task, .. } =
         env.clone();
-    if !observation.iter().any(|stage| matches!(stage, Stage::Privileged {})) {
+    if !observation.iter().any(|stage| matches!(stage, ObservationTransform::Privileged {})) {
         randomise = None;
     }
     let own = EnvConfig {

@@ -9,8 +9,8 @@ use base::error::{Error, Result};
 use base::memory::Request;
 use base::parallel::Threads;
 use std::fmt::Display;
-use tasks::env::Pending;
-use tasks::{Autoreset, Buffers, Column, Env, EnvConfig, Spec, Stage, Statistics};
+use tasks::env::PendingStatistics;
+use tasks::{Autoreset, Buffers, Column, Env, EnvConfig, ObservationTransform, Spec, Statistics};
 
 /// Most shards of a batch: each has tensors of its own in a checkpoint.
 const MAX_SHARDS: usize = 2048;
@@ -95,7 +95,7 @@ pub fn normalise(shards: &mut [&mut Shard]) -> Result<()> {
     if statistics.mean.is_empty() {
         return Ok(());
     }
-    if let Some(Pending { count, sums, squares }) = &pending(shards)? {
+    if let Some(PendingStatistics { count, sums, squares }) = &pending(shards)? {
         statistics.merge(*count, sums, squares);
     }
     for Shard { env, out } in shards {
@@ -107,8 +107,8 @@ pub fn normalise(shards: &mut [&mut Shard]) -> Result<()> {
 }
 
 /// Takes out what all shards collected about their mean in force, in order; sums that are not finite are left out.
-pub(crate) fn pending(shards: &mut [&mut Shard]) -> Result<Option<Pending>> {
-    let mut all: Option<Pending> = None;
+pub(crate) fn pending(shards: &mut [&mut Shard]) -> Result<Option<PendingStatistics>> {
+    let mut all: Option<PendingStatistics> = None;
     for shard in shards.iter_mut() {
         let own = shard.env.take_pending();
         if !own.sums.iter().chain(&own.squares).all(|x| x.is_finite()) {
@@ -125,8 +125,8 @@ pub(crate) fn pending(shards: &mut [&mut Shard]) -> Result<Option<Pending>> {
 /// The environments as a policy sees them: with a stage `normalise` behind all others, where `wanted` and there is none.
 pub(crate) fn with_normaliser(env: &EnvConfig, wanted: bool) -> EnvConfig {
     let mut env = env.clone();
-    if wanted && !env.observation.iter().any(|stage| matches!(stage, Stage::Normalise { .. })) {
-        env.observation.push(Stage::Normalise { clip: 10.0 });
+    if wanted && !env.observation.iter().any(|stage| matches!(stage, ObservationTransform::Normalise { .. })) {
+        env.observation.push(ObservationTransform::Normalise { clip: 10.0 });
     }
     env
 }

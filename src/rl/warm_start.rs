@@ -8,7 +8,7 @@ use super::nn::head::Head;
 use super::nn::{Network, last_encoder};
 use super::policy::{Actor, Policy};
 use base::error::{Error, Result};
-use tasks::{Env, Spec, Stage, Statistics};
+use tasks::{Env, ObservationTransform, Spec, Statistics};
 
 /// What a learner begins with.
 #[derive(Debug, Clone)]
@@ -131,7 +131,8 @@ impl WarmStart {
 /// # Errors
 /// [`Error::Value`] unless both observations are normalised last, or neither is.
 fn statistics(policy: &Policy, of: &Spec, spec: &Spec) -> Result<Option<Statistics>> {
-    let normalised = |spec: &Spec| spec.config.observation.iter().any(|s| matches!(s, Stage::Normalise { .. }));
+    let normalised =
+        |spec: &Spec| spec.config.observation.iter().any(|s| matches!(s, ObservationTransform::Normalise { .. }));
     let width = policy.statistics().map_or(of.n_observation, |s| s.mean.len());
     if normalised(of) != normalised(spec) || width != of.n_observation {
         let limit = "normalised in both runs or in neither, as the last stage";
@@ -273,7 +274,8 @@ mod tests {
 
     #[test]
     fn statistics_go_along_and_count_for_less() {
-        let config = EnvConfig { observation: vec![Stage::Normalise { clip: 10.0 }], ..EnvConfig::default() };
+        let config =
+            EnvConfig { observation: vec![ObservationTransform::Normalise { clip: 10.0 }], ..EnvConfig::default() };
         let (hover, track) = (spec("Hover", &config), spec("Track", &config));
         let n = hover.n_observation;
         let known = Statistics { count: 1e9, mean: vec![0.5; n], variance: vec![4.0; n] };
@@ -291,8 +293,8 @@ mod tests {
     #[test]
     fn what_was_seen_before_takes_the_scale_of_what_is_seen_now_unless_it_has_one() {
         let spec = |steps: Option<usize>| {
-            let history = steps.map(|steps| Stage::History { steps });
-            let observation = history.into_iter().chain([Stage::Normalise { clip: 10.0 }]).collect();
+            let history = steps.map(|steps| ObservationTransform::History { steps });
+            let observation = history.into_iter().chain([ObservationTransform::Normalise { clip: 10.0 }]).collect();
             spec("Hover", &EnvConfig { observation, ..EnvConfig::default() })
         };
         let (plain, two, three) = (spec(None), spec(Some(2)), spec(Some(3)));
@@ -322,7 +324,8 @@ mod tests {
         let omav = spec("OmavHover", &config);
         let actor = Actor::new(&omav, &Layers { hidden: vec![16, 8], ..Layers::default() }, true).unwrap();
         assert!(WarmStart::new(&old, &hover, &actor, &omav).is_err());
-        let scaled = spec("Track", &EnvConfig { observation: vec![Stage::Normalise { clip: 10.0 }], ..config });
+        let scaled =
+            spec("Track", &EnvConfig { observation: vec![ObservationTransform::Normalise { clip: 10.0 }], ..config });
         let actor = Actor::new(&scaled, &Layers { hidden: vec![16, 8], ..Layers::default() }, true).unwrap();
         let error = WarmStart::new(&old, &hover, &actor, &scaled).unwrap_err().to_string();
         assert!(error.contains("normalised in both runs or in neither"), "{error}");

@@ -17,12 +17,12 @@ const DOUBLE_ROUNDS: usize = 4;
 
 /// Sixteen blocks side by side: a key and a number for each lane.
 #[derive(Debug, Clone)]
-pub(crate) struct Abreast {
+pub(crate) struct WideChaCha {
     /// What the rounds begin with, word by word.
     states: [[u32; ABREAST]; BLOCK_WORDS],
 }
 
-impl Abreast {
+impl WideChaCha {
     /// With keys and numbers of zero.
     pub fn new() -> Self {
         let mut states = [[0; ABREAST]; BLOCK_WORDS];
@@ -237,7 +237,7 @@ mod tests {
     fn blocks_abreast_are_those_of_the_crate_with_every_instruction_set() {
         for set in [Set::Avx512, Set::Avx2, Set::OneLane].into_iter().filter(|set| set.is_here()) {
             for (case, n) in [1, 5, 8, 9, ABREAST].into_iter().enumerate() {
-                let (blocks, mut abreast) = (blocks(case as u64), Abreast::new());
+                let (blocks, mut abreast) = (blocks(case as u64), WideChaCha::new());
                 blocks.iter().enumerate().for_each(|(lane, (key, number))| abreast.set(lane, *key, *number));
                 let words = with_set(set, || abreast.words(n));
                 for (lane, (key, number)) in blocks[..n].iter().enumerate() {

@@ -1,6 +1,6 @@
 //! Normal numbers of many streams at once: their blocks abreast, then the polynomials over all draws.
 
-use super::chacha::{ABREAST, Abreast, BLOCK_WORDS};
+use super::chacha::{ABREAST, BLOCK_WORDS, WideChaCha};
 use super::normal;
 use autodiff::lanes::{Kernel, Lanes, dispatch};
 
@@ -25,7 +25,7 @@ pub fn normals(
     mut to: impl FnMut(usize, usize, f64),
 ) {
     // a lane has one block: of which stream, and the place of its first number among the stream's, below 0 for those drawn before
-    let (mut abreast, mut lanes, mut used) = (Abreast::new(), [(0, 0); ABREAST], 0);
+    let (mut abreast, mut lanes, mut used) = (WideChaCha::new(), [(0, 0); ABREAST], 0);
     let mut give = |numbers: &[[f64; ABREAST]; PER_BLOCK], lanes: &[(usize, usize)]| {
         for (lane, (own, first)) in lanes.iter().enumerate() {
             for (i, row) in numbers.iter().enumerate() {
@@ -53,7 +53,7 @@ pub fn normals(
     give(&abreast.normals(used), &lanes[..used]);
 }
 
-impl Abreast {
+impl WideChaCha {
     /// The normal numbers of the first `n` lanes' blocks; other lanes mean nothing.
     fn normals(&self, n: usize) -> [[f64; ABREAST]; PER_BLOCK] {
         let mut numbers = [[0.0; ABREAST]; PER_BLOCK];

@@ -1,6 +1,6 @@
 //! Streams that are begun many at a time: their blocks are computed together, then each draws alone.
 
-use super::chacha::{ABREAST, Abreast, BLOCK_WORDS, block, four};
+use super::chacha::{ABREAST, BLOCK_WORDS, WideChaCha, block, four};
 
 /// Consecutive 32-bit words of a stream, from a position on: what [`Stream`](super::Stream) would draw, with some in hand.
 ///
@@ -51,7 +51,7 @@ fn fill(of: &mut [Words], which: &[usize]) {
         }
         return;
     }
-    let mut abreast = Abreast::new();
+    let mut abreast = WideChaCha::new();
     for (lane, i) in which.iter().enumerate() {
         abreast.set(lane, of[*i].key, of[*i].number());
     }

@@ -60,13 +60,13 @@ pub(super) struct Commands {
     n: usize,
     /// Of this step, `[E, n]`.
     now: Vec<f32>,
-    episodes: Vec<Watched>,
+    episodes: Vec<EpisodeCommands>,
     taps: [f64; REACH + 1],
 }
 
 /// What is kept of one episode.
 #[derive(Clone)]
-struct Watched {
+struct EpisodeCommands {
     /// The last commands, `[TAPS, n]`, that of step t in row t mod TAPS.
     rows: Vec<f32>,
     /// The last second's mean changes, that of step t in place t mod its length.
@@ -84,7 +84,7 @@ impl Commands {
     pub(super) fn of(env: &Env) -> Self {
         let (spec, n) = (env.spec(), env.n_rotor());
         let second = ((1.0 / spec.dt).round() as usize).clamp(1, spec.horizon.max(1));
-        let one = Watched {
+        let one = EpisodeCommands {
             rows: vec![0.0; TAPS * n],
             recent: vec![0.0; second],
             n_step: 0,
@@ -107,11 +107,11 @@ impl Commands {
     }
 
     pub(super) fn episodes(&self) -> Vec<EpisodeActivity> {
-        self.episodes.iter().map(Watched::activity).collect()
+        self.episodes.iter().map(EpisodeCommands::activity).collect()
     }
 }
 
-impl Watched {
+impl EpisodeCommands {
     fn row(&self, step: usize) -> &[f32] {
         let n = self.first.len();
         &self.rows[step % TAPS * n..][..n]
@@ -171,7 +171,7 @@ mod tests {
     use super::*;
 
     fn flown(recent: usize, commands: impl Iterator<Item = f32>) -> EpisodeActivity {
-        let mut own = Watched {
+        let mut own = EpisodeCommands {
             rows: vec![0.0; TAPS],
             recent: vec![0.0; recent],
             n_step: 0,

@@ -1,10 +1,10 @@
 //! What a task says about itself: it writes everything once, in its ideal state.
 
 use super::declare::{Ends, Goal, Loss, Writer};
-use super::env::begin::Draft;
+use super::env::begin::EpisodeStart;
 use super::robot::Robot;
 use super::settings::{Setting, filled};
-use super::start::{Begun, Drawn, Start, Streams};
+use super::start::{Start, StartOutput, StartScalar, Streams};
 use super::task::{Task, View};
 use super::task_spec::{Field, Metric, TaskSpec, Term, total};
 use autodiff::trace::on_constants;
@@ -77,11 +77,11 @@ impl<S: Scalar> Snapshot<S> {
 pub(crate) const MAX_TASK_STATE: usize = 256;
 
 /// How a task begins an episode, and the names in its goal.
-fn named_draft<S: Drawn>(robot: &Robot, begin: impl FnOnce(&mut Start<'_, S>)) -> (Draft<S>, Vec<Field>) {
-    let mut draft = Draft::new(robot, 0, MAX_TASK_STATE);
+fn named_draft<S: StartScalar>(robot: &Robot, begin: impl FnOnce(&mut Start<'_, S>)) -> (EpisodeStart<S>, Vec<Field>) {
+    let mut draft = EpisodeStart::new(robot, 0, MAX_TASK_STATE);
     let source = Streams::of_start([0; 3]);
-    let Draft { state, numbers, goal, task_state, event_at, .. } = &mut draft;
-    let own = Begun { robot, state, goal: Goal::named(goal), task_state, numbers };
+    let EpisodeStart { state, numbers, goal, task_state, event_at, .. } = &mut draft;
+    let own = StartOutput { robot, state, goal: Goal::named(goal), task_state, numbers };
     let mut start = Start::new(own, &source, *event_at, S::one());
     begin(&mut start);
     let fields = start.goal.fields();
@@ -89,7 +89,7 @@ fn named_draft<S: Drawn>(robot: &Robot, begin: impl FnOnce(&mut Start<'_, S>)) -
 }
 
 /// As recorded.
-fn recorded(robot: &Robot, begin: impl FnOnce(&mut Start<'_>)) -> (Draft, Vec<Field>) {
+fn recorded(robot: &Robot, begin: impl FnOnce(&mut Start<'_>)) -> (EpisodeStart, Vec<Field>) {
     on_constants(|| {
         let (draft, fields) = named_draft(robot, begin);
         (draft.known(), fields)
@@ -115,7 +115,7 @@ pub(crate) fn declare(task: &dyn Task) -> Result<TaskSpec> {
         let (own, other) = (names(&started), names(&fields));
         return Err(Error::value("goal of a start", own, format!("that of the ideal: {other}"), "Write both alike."));
     }
-    let Draft { state, numbers, goal, .. } = ideal;
+    let EpisodeStart { state, numbers, goal, .. } = ideal;
     let with = |n: usize| Snapshot::of(robot, robot.plant(), &numbers, &state, &goal, vec![0.0; n]);
     let n_kept = |n| with(n).ask(robot, |view| Writer::written(|out| task.remember(view, out)).numbers().len());
     let n = n_kept(MAX_TASK_STATE);

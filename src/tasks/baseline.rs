@@ -4,7 +4,7 @@
 //! [`default_controller`](controllers::registry::default_controller). All see the true state, the true masses of their episode (a free drone all its
 //! numbers) and what the task [tracks](super::Task::reference), and act on the rotors.
 
-use super::crew::Crew;
+use super::crew::BaselineControllers;
 use super::env::{Buffers, Env};
 use super::robot::Robot;
 use super::task::TaskReference;
@@ -24,7 +24,7 @@ pub struct Baseline {
 }
 
 struct Seat {
-    crew: Crew,
+    crew: BaselineControllers,
     reference: TaskReference,
     input: Vec<f64>,
     step: u64,
@@ -47,7 +47,7 @@ impl Baseline {
             let what = format!("task {}: reference", spec.task);
             return Err(Error::value(what, "none", "one that a controller can track", "Try --controller random."));
         }
-        let name = Crew::of(env.robot(), &env.parameters(0)?, spec.dt)?.name().to_string();
+        let name = BaselineControllers::of(env.robot(), &env.parameters(0)?, spec.dt)?.name().to_string();
         let seats = (0..spec.n_env).map(|_| None).collect();
         let n_action = spec.n_agent * spec.action.len();
         Ok(Self { seats, failures: Vec::new(), name, dt: spec.dt, n_action, config_hash: env.config_hash() })
@@ -106,9 +106,9 @@ impl Baseline {
 
     fn seat(&mut self, env: &Env, environment: usize) -> Result<Seat> {
         let robot = env.robot();
-        let crew = Crew::of(robot, &env.parameters(environment)?, self.dt).unwrap_or_else(|error| {
+        let crew = BaselineControllers::of(robot, &env.parameters(environment)?, self.dt).unwrap_or_else(|error| {
             self.failures.push((environment, error));
-            Crew::Nobody
+            BaselineControllers::Nobody
         });
         let reference = env.reference(environment)?.unwrap_or(TaskReference::point([0.0; 3], 0.0));
         Ok(Seat { crew, reference, input: robot.hover_input(), step: 0 })

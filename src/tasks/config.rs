@@ -1,8 +1,8 @@
 //! What an environment is made of, as plain data: in TOML by the same names.
 
 use super::bounds::Bounds;
-use super::observation::Stage;
-use super::randomise::Change;
+use super::observation::ObservationTransform;
+use super::randomise::Randomisation;
 use super::robot::{Robot, benchmark, benchmark_effects};
 use super::settings::{Settings, find};
 use base::error::{Error, Result};
@@ -114,10 +114,10 @@ pub struct EnvConfig {
     #[serde(skip_serializing_if = "is_zero")]
     pub throttle_change: f64,
     /// Transforms of the observation, in order.
-    pub observation: Vec<Stage>,
+    pub observation: Vec<ObservationTransform>,
     /// What differs between environments and episodes; none for the task's own, an empty list for nothing.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub randomise: Option<Vec<Change>>,
+    pub randomise: Option<Vec<Randomisation>>,
     /// Sensors of every agent, whose readings stand behind the task's own numbers in its observation; none for the task's own,
     /// an empty list for none at all.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -238,7 +238,7 @@ impl EnvConfig {
     }
 
     /// The changes between environments and episodes, as far as the configuration says.
-    pub fn changes(&self) -> &[Change] {
+    pub fn changes(&self) -> &[Randomisation] {
         self.randomise.as_deref().unwrap_or_default()
     }
 
@@ -294,8 +294,8 @@ impl EnvConfig {
         }
         self.own_vehicle.as_ref().map_or(Ok(()), Vehicle::validate)?;
         self.check_task()?;
-        self.observation.iter().try_for_each(Stage::validate)?;
-        self.changes().iter().try_for_each(Change::validate)
+        self.observation.iter().try_for_each(ObservationTransform::validate)?;
+        self.changes().iter().try_for_each(Randomisation::validate)
     }
 
     /// Every number of the task's settings is finite.

@@ -12,7 +12,7 @@ use dynamics::tree::Model;
 use dynamics::{Inertia, Plant, Rotor, Vehicle};
 
 /// Controllers of everything that flies in one environment, all levels in every step.
-pub(crate) enum Crew {
+pub(crate) enum BaselineControllers {
     /// One per drone, each a tree of its own.
     Free(Vec<Cascade>),
     /// Of one tree.
@@ -21,7 +21,7 @@ pub(crate) enum Crew {
     Nobody,
 }
 
-impl Crew {
+impl BaselineControllers {
     /// For a robot with these numbers, in steps of `dt` seconds.
     pub(crate) fn of(robot: &Robot, numbers: &[f64], dt: f64) -> Result<Self> {
         match robot.plant() {

@@ -4,7 +4,7 @@
 //! [`TaskSpec`](super::TaskSpec). When a step is recorded, the numbers are.
 //! Words are constants; `{key}` in them stands for the value of a setting, `{×key}` for a factor.
 
-use super::task_spec::{End, Field, Layout, Smoothness};
+use super::task_spec::{End, Field, FieldLayout, Smoothness};
 use autodiff::{Scalar, Trace, TraceMask};
 use std::ops::{Deref, DerefMut};
 
@@ -98,24 +98,24 @@ impl<S> Writer<S> {
         self.smoothness(Smoothness::NonSmooth)
     }
 
-    /// How the numbers of the field lie about each other; [`Layout::Vector`] unless said.
-    pub fn layout(&mut self, layout: Layout) -> &mut Self {
+    /// How the numbers of the field lie about each other; [`FieldLayout::Vector`] unless said.
+    pub fn layout(&mut self, layout: FieldLayout) -> &mut Self {
         self.describe(|field| field.layout = layout)
     }
 
     /// The field is an image: rows of pixels from above, all channels of a pixel together.
     pub fn image(&mut self, height: usize, width: usize, channels: usize) -> &mut Self {
-        self.layout(Layout::Image { height, width, channels })
+        self.layout(FieldLayout::Image { height, width, channels })
     }
 
     /// The field is distances along beams, row by row.
     pub fn lidar(&mut self, rows: usize, columns: usize) -> &mut Self {
-        self.layout(Layout::Lidar { rows, columns })
+        self.layout(FieldLayout::Lidar { rows, columns })
     }
 
     /// The field is the same numbers of several alike, one after the other.
     pub fn members(&mut self, members: usize) -> &mut Self {
-        self.layout(Layout::Members { members })
+        self.layout(FieldLayout::Members { members })
     }
 
     /// The number to come is a summand of the reward between 0 and `bound`; where it may be less, [`within`](Self::within) says

@@ -65,7 +65,7 @@ pub fn wilson(hits: usize, n: usize) -> [f64; 2] {
 
 /// A step of an evaluation, as those see it who watch.
 #[derive(Debug, Clone, Copy)]
-pub struct Watched<'a> {
+pub struct EvaluationStep<'a> {
     /// After the step.
     pub env: &'a Env,
     /// What the step wrote.
@@ -77,7 +77,7 @@ pub struct Watched<'a> {
 }
 
 /// Who fills the actions `[E, A, action]` of an environment from the arrays of the step before.
-pub type Act<'a> = dyn FnMut(&Env, &Buffers, &mut [f32]) -> Result<()> + 'a;
+pub type PolicyFn<'a> = dyn FnMut(&Env, &Buffers, &mut [f32]) -> Result<()> + 'a;
 
 /// Flies one episode of every environment, from the starts of its seeds. `policy` fills the actions from the arrays of
 /// the step before; `watch` sees every step: a progress bar, a [`Record`](super::Record).
@@ -85,7 +85,11 @@ pub type Act<'a> = dyn FnMut(&Env, &Buffers, &mut [f32]) -> Result<()> + 'a;
 /// # Errors
 /// [`Error::Value`] unless the environment was made with `autoreset = "disabled"` and tells all columns of its information; those of
 /// the policy; otherwise as [`Env::step`].
-pub fn evaluate(env: &mut Env, policy: &mut Act<'_>, watch: &mut dyn FnMut(&Watched<'_>)) -> Result<Evaluation> {
+pub fn evaluate(
+    env: &mut Env,
+    policy: &mut PolicyFn<'_>,
+    watch: &mut dyn FnMut(&EvaluationStep<'_>),
+) -> Result<Evaluation> {
     let episodes = EpisodeRows::fly(env, policy, watch)?;
     Ok(episodes.evaluation(env.spec()))
 }
@@ -110,7 +114,7 @@ impl EpisodeRows {
     ///
     /// # Errors
     /// As [`evaluate`].
-    pub fn fly(env: &mut Env, policy: &mut Act<'_>, watch: &mut dyn FnMut(&Watched<'_>)) -> Result<Self> {
+    pub fn fly(env: &mut Env, policy: &mut PolicyFn<'_>, watch: &mut dyn FnMut(&EvaluationStep<'_>)) -> Result<Self> {
         if env.spec().config.autoreset != Autoreset::Disabled {
             let remedy = "Build it with autoreset = 'disabled'.";
             return Err(Error::value("autoreset", "on", "'disabled' to evaluate", remedy));
@@ -142,7 +146,7 @@ impl EpisodeRows {
                 own.near[i] = error < limit || spec.success.once && own.near[i];
             }
             commands.see(env, &flying)?;
-            watch(&Watched { env, out: &out, step: t + 1, flying: &flying });
+            watch(&EvaluationStep { env, out: &out, step: t + 1, flying: &flying });
             for i in 0..n {
                 if flying[i] {
                     // of its own last step: what ended stands still, but not all that is told of it

@@ -3,8 +3,8 @@
 //! Groups are names for columns of arrays that are there, so those who read whole rows need not know them.
 
 use super::env::Spec;
-use super::observation::Stage;
-use super::task_spec::{Field, Layout, total};
+use super::observation::ObservationTransform;
+use super::task_spec::{Field, FieldLayout, total};
 use base::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -58,9 +58,9 @@ impl Group {
     /// Of a field whose columns begin at `first`.
     fn of_field(field: &Field, first: usize) -> Self {
         let kind = match field.layout {
-            Layout::Image { .. } => GroupKind::Image,
-            Layout::Lidar { .. } => GroupKind::Lidar,
-            Layout::Vector | Layout::Members { .. } => GroupKind::Actor,
+            FieldLayout::Image { .. } => GroupKind::Image,
+            FieldLayout::Lidar { .. } => GroupKind::Lidar,
+            FieldLayout::Vector | FieldLayout::Members { .. } => GroupKind::Actor,
         };
         Self::new(&field.name, kind, field.layout.shape(field.size), first)
     }
@@ -129,16 +129,16 @@ impl Spec {
         let (mut n, mut found) = (self.n_observation, Stages::default());
         for stage in self.config.observation.iter().rev() {
             match stage {
-                Stage::History { steps } => {
+                ObservationTransform::History { steps } => {
                     found.history = Some([*steps, n / (*steps).max(1)]);
                     break;
                 }
-                Stage::Privileged {} => {
+                ObservationTransform::Privileged {} => {
                     let first = n.saturating_sub(self.privileged.len());
                     found.parameters = found.parameters.or((first < n).then_some(first..n));
                     n = first;
                 }
-                Stage::Noise { .. } | Stage::Normalise { .. } => (),
+                ObservationTransform::Noise { .. } | ObservationTransform::Normalise { .. } => (),
             }
         }
         found

@@ -14,8 +14,8 @@
 //! | [`config`] | [`EnvConfig`]: a batch as plain data, in TOML too |
 //! | [`bounds`] | [`Bounds`]: how far a simulation may go |
 //! | `env` | [`Env`]: many environments of one task; steps, restarts, gradients |
-//! | [`observation`] | [`Stage`]: history, noise, normalisation, privileged numbers, by name |
-//! | [`randomise`] | [`Change`]: what differs between environments and episodes |
+//! | [`observation`] | [`ObservationTransform`]: history, noise, normalisation, privileged numbers, by name |
+//! | [`randomise`] | [`Randomisation`]: what differs between environments and episodes |
 //! | `baseline` | [`Baseline`]: the controllers of this crate as policies |
 //! | `evaluate`, `record` | how well a policy does, from fixed starts; step by step |
 //! | [`probe`] | tasks whose value is known in closed form |
@@ -171,17 +171,17 @@ pub use declare::{Ends, Goal, Loss, Writer};
 pub use env::check::{Finding, check_env};
 pub use env::single::{SingleEnv, SingleStep};
 pub use env::{
-    Adjoint, AgentWidths, Buffers, Column, Cotangents, Env, Info, Jacobian, Pending, PhaseByPhase, Seeds, Space, Spec,
-    StepLayout, StepOut, Sweep, SweepOptions, Tape,
+    Adjoint, AgentWidths, Buffers, Column, Cotangents, Env, Info, Jacobian, PendingStatistics, Seeds, Space, Spec,
+    StepLayout, StepOut, StepPhases, Sweep, SweepOptions, Tape,
 };
-pub use evaluate::{Act, EpisodeRows, Evaluation, Watched, evaluate, wilson};
+pub use evaluate::{EpisodeRows, Evaluation, EvaluationStep, PolicyFn, evaluate, wilson};
 pub use groups::{Dtype, Group, GroupKind};
-pub use observation::{Stage, Statistics};
-pub use randomise::{Action, Change, Distribution, Quantity, Time};
-pub use record::{Record, Recorded, Spread};
+pub use observation::{ObservationTransform, Statistics};
+pub use randomise::{Distribution, Randomisation, RandomisationOperation, RandomisationTime, RandomisedQuantity};
+pub use record::{Record, RecordedStep, Spread};
 pub use registry::BuiltIn;
 pub use robot::Robot;
-pub use settings::{Domain, Setting, Settings};
-pub use start::{ANY_YAW, Draw, Drawn, Draws, START_TILT, Start};
+pub use settings::{Setting, SettingDomain, Settings};
+pub use start::{ANY_YAW, Draw, Draws, START_TILT, Start, StartScalar};
 pub use task::{HostStart, Task, TaskReference, View};
-pub use task_spec::{End, Field, Layout, Limit, Metric, Smoothness, Success, TaskSpec, Term};
+pub use task_spec::{End, Field, FieldLayout, Limit, Metric, Smoothness, Success, TaskSpec, Term};

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 /// One transform. In TOML: `{ kind = "history", steps = 4 }`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", tag = "kind", deny_unknown_fields)]
-pub enum Stage {
+pub enum ObservationTransform {
     /// The last `steps` observations, newest first; zeros before an episode began.
     History {
         /// 2 to `MAX_HISTORY`.
@@ -52,7 +52,7 @@ pub(crate) const MAX_NUMBERS: usize = 1 << 18;
 /// Nominal values below this are no unit to measure in.
 pub(crate) const LEAST_NOMINAL: f64 = 1e-12;
 
-impl Stage {
+impl ObservationTransform {
     /// Checks the numbers of a stage.
     ///
     /// # Errors
@@ -128,7 +128,7 @@ impl Extent {
     ///
     /// # Errors
     /// [`Error::Limit`] for more than [`MAX_STAGES`] stages or [`MAX_NUMBERS`] numbers.
-    pub(crate) fn of(stages: &[Stage], raw: usize, theta: usize) -> Result<Self> {
+    pub(crate) fn of(stages: &[ObservationTransform], raw: usize, theta: usize) -> Result<Self> {
         if stages.len() > MAX_STAGES {
             return Err(Error::limit("observation: stages", stages.len(), MAX_STAGES, "Leave some of them out."));
         }
@@ -136,13 +136,13 @@ impl Extent {
         let mut noise: usize = 0;
         for stage in stages {
             match stage {
-                Stage::History { steps } => {
+                ObservationTransform::History { steps } => {
                     own.observation = own.observation.saturating_mul(*steps);
                     own.memory = own.memory.saturating_add(own.observation);
                 }
-                Stage::Noise { .. } => noise = noise.saturating_add(own.observation),
-                Stage::Normalise { .. } => own.normalised = Some(own.observation),
-                Stage::Privileged {} => own.observation = own.observation.saturating_add(theta),
+                ObservationTransform::Noise { .. } => noise = noise.saturating_add(own.observation),
+                ObservationTransform::Normalise { .. } => own.normalised = Some(own.observation),
+                ObservationTransform::Privileged {} => own.observation = own.observation.saturating_add(theta),
             }
             let all = own.observation.saturating_add(own.memory).saturating_add(noise);
             if all > MAX_NUMBERS {
@@ -196,7 +196,7 @@ pub(crate) struct AgentArrays<'a> {
 
 impl Pipeline {
     /// For a task's fields and `theta` with its nominal values and domains.
-    pub(crate) fn new(stages: &[Stage], raw: &[Field], theta: &[(String, f64, Domain)]) -> Result<Self> {
+    pub(crate) fn new(stages: &[ObservationTransform], raw: &[Field], theta: &[(String, f64, Domain)]) -> Result<Self> {
         let mut p = Self { steps: Vec::new(), fields: raw.to_vec(), memory: 0, noise: 0, normalises: false };
         Extent::of(stages, total(raw), theta.len())?;
         for stage in stages {
@@ -205,10 +205,10 @@ impl Pipeline {
         Ok(p)
     }
 
-    fn add(&mut self, stage: &Stage, theta: &[(String, f64, Domain)]) -> Result<()> {
+    fn add(&mut self, stage: &ObservationTransform, theta: &[(String, f64, Domain)]) -> Result<()> {
         let n = total(&self.fields);
         match stage {
-            Stage::History { steps } => {
+            ObservationTransform::History { steps } => {
                 self.steps.push(Step::History { steps: *steps, n, memory: self.memory });
                 self.memory += steps * n;
                 let older = (1..*steps).flat_map(|k| {
@@ -223,7 +223,7 @@ impl Pipeline {
                 });
                 self.fields = self.fields.iter().cloned().chain(older).collect();
             }
-            Stage::Noise { std, slices } => {
+            ObservationTransform::Noise { std, slices } => {
                 if let Some(name) = slices.iter().find(|name| !self.fields.iter().any(|s| s.name == **name)) {
                     let known = self.fields.iter().map(|s| s.name.clone()).collect();
                     return Err(Error::Unknown { kind: "field of the observation", name: name.clone(), known });
@@ -238,7 +238,7 @@ impl Pipeline {
                 }
                 self.noise += n;
             }
-            Stage::Normalise { clip } => {
+            ObservationTransform::Normalise { clip } => {
                 if self.normalises {
                     let remedy = "Leave one of them out.";
                     return Err(Error::limit("observation stages of kind 'normalise'", 2, 1, remedy));
@@ -247,7 +247,7 @@ impl Pipeline {
                 self.steps.push(Step::Normalise { n, clip: *clip });
                 self.fields.iter_mut().for_each(|f| (f.low, f.high) = (-clip, *clip));
             }
-            Stage::Privileged {} => {
+            ObservationTransform::Privileged {} => {
                 let is_ratio = |(_, x, domain): &(String, f64, Domain)| *x > LEAST_NOMINAL && domain.keeps_sign();
                 let scale = theta.iter().map(|own| if is_ratio(own) { 1.0 / own.1 } else { 1.0 }).collect();
                 self.steps.push(Step::Privileged { n, scale });

@@ -1,7 +1,7 @@
 //! What follows from physical numbers: inertias that are those of bodies, speeds that carry a weight.
 
 use super::robot::{Inertial, Robot};
-use super::start::Drawn;
+use super::start::StartScalar;
 use autodiff::Mask;
 use dynamics::Plant;
 use dynamics::rigid::BODY_PARAMETERS;
@@ -10,14 +10,14 @@ use dynamics::tree::{LINK_PARAMETERS, TreePlace};
 
 /// One tree: what is weighed, and what carries it.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Flock {
+pub(crate) struct MassGroup {
     /// Places of the masses.
     masses: Vec<usize>,
     /// Per rotor: places of its thrust coefficient and largest speed among the numbers, of its speed in the state.
     rotors: Vec<[usize; 3]>,
 }
 
-impl Flock {
+impl MassGroup {
     /// Of these bodies; per rotor where its numbers begin, and the place of its speed.
     fn new(bodies: impl Iterator<Item = usize>, rotors: impl Iterator<Item = (usize, usize)>) -> Self {
         Self {
@@ -34,14 +34,14 @@ impl Flock {
     }
 
     /// Weight over largest thrust.
-    fn share<S: Drawn>(&self, numbers: &[S]) -> S {
+    fn share<S: StartScalar>(&self, numbers: &[S]) -> S {
         let mass = self.masses.iter().fold(S::zero(), |sum, k| sum + numbers[*k]);
         let lift = |[k_f, fastest, _]: &[usize; 3]| numbers[*k_f] * numbers[*fastest].square();
         mass * numbers[0] / self.rotors.iter().fold(S::zero(), |sum, rotor| sum + lift(rotor))
     }
 
     /// Rotors turn such that the tree carries its weight by these numbers.
-    pub(crate) fn hover<S: Drawn>(&self, rest: &[f64], nominal: &[f64], numbers: &[S], state: &mut [S]) {
+    pub(crate) fn hover<S: StartScalar>(&self, rest: &[f64], nominal: &[f64], numbers: &[S], state: &mut [S]) {
         let (own, usual) = (self.share(numbers), self.share(nominal));
         if usual.is_nan() || usual <= 0.0 {
             return;
@@ -55,17 +55,17 @@ impl Flock {
 }
 
 /// Trees with rotors.
-pub(crate) fn flocks(robot: &Robot) -> Vec<Flock> {
+pub(crate) fn flocks(robot: &Robot) -> Vec<MassGroup> {
     let n = N_ROTOR_PARAMETER;
     match robot.plant() {
         Plant::Rigid(_) => {
             let rotors = robot.drone().rotors.iter().enumerate().map(|(i, r)| (BODY_PARAMETERS.len() + i * n, r.speed));
-            vec![Flock::new(0..1, rotors)]
+            vec![MassGroup::new(0..1, rotors)]
         }
         Plant::Tree(m) => {
             let (layout, first) = (m.layout(), 1 + robot.n_frame() * LINK_PARAMETERS.len());
             let rotor = |r: usize| (first + r * n, layout.rotor_speed[r]);
-            let flock = |tree: &TreePlace| Flock::new(tree.bodies.clone(), tree.rotors.clone().map(rotor));
+            let flock = |tree: &TreePlace| MassGroup::new(tree.bodies.clone(), tree.rotors.clone().map(rotor));
             layout.trees.iter().map(flock).filter(|f| !f.rotors.is_empty()).collect()
         }
     }
@@ -73,7 +73,7 @@ pub(crate) fn flocks(robot: &Robot) -> Vec<Flock> {
 
 /// Makes principal moments and products of inertia (xx, yy, zz, xy, xz, yz) those of a body: no moment above the sum of
 /// the others, about any axes. Moments are lowered, then products; what is physical keeps its bits.
-pub(crate) fn settle<S: Drawn>(inertia: &mut [S]) {
+pub(crate) fn settle<S: StartScalar>(inertia: &mut [S]) {
     for i in 0..3 {
         let others = inertia[(i + 1) % 3] + inertia[(i + 2) % 3];
         let is_more = (others * S::from(1.0 + SLACK)).lt(inertia[i]);
@@ -92,7 +92,7 @@ pub(crate) fn settle<S: Drawn>(inertia: &mut [S]) {
 const HALVINGS: i32 = 24;
 
 /// Whether the second moments of mass, ½ tr(J) 1 − J, are positive semi-definite with `factor` times the products.
-fn is_body<S: Drawn>(j: &[S], factor: S) -> S::Mask {
+fn is_body<S: StartScalar>(j: &[S], factor: S) -> S::Mask {
     // as shares of ½ tr(J): products of three moments of a light body leave the range of f32
     let half = S::from(0.5) * (j[0] + j[1] + j[2]);
     let inverse = S::one() / half;

@@ -1,15 +1,15 @@
 //! What differs between environments: masses, inertias, rotors, motors, drag, wind, hidden loads; at the start of a run or
 //! of every episode.
 //!
-//! A [`Change`] names a quantity, a distribution and a time. Draws belong to the environment and episode (see
+//! A [`Randomisation`] names a quantity, a distribution and a time. Draws belong to the environment and episode (see
 //! [`rng`](rng)), so they do not depend on the size of the batch. Changes apply in the order given; thrust as a ratio
 //! to weight uses the mass of that moment. What could leave the physical is refused when the environment is built; rotors
 //! start at the speed that carries the weight drawn. A curriculum takes a share of every change
 //! ([`Env::set_difficulty`](super::Env::set_difficulty)).
 
-use super::physical::{Flock, MOST_OF_OTHERS, flocks, settle};
+use super::physical::{MOST_OF_OTHERS, MassGroup, flocks, settle};
 use super::robot::{Inertial, Robot};
-use super::start::{Draw, Drawn, Draws};
+use super::start::{Draw, Draws, StartScalar};
 use base::error::{Error, Result, finite};
 use dynamics::domain::Domain;
 use dynamics::rigid::BODY_PARAMETERS;
@@ -20,7 +20,7 @@ use serde::{Deserialize, Serialize};
 /// What changes.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Quantity {
+pub enum RandomisedQuantity {
     /// Of every drone's body, with its inertia (density changes).
     Mass,
     /// Principal moments of every drone's body, mass unchanged; kept physical (none above the sum of the others).
@@ -52,7 +52,7 @@ pub enum Quantity {
 /// How a drawn number acts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Action {
+pub enum RandomisationOperation {
     /// Times the nominal value.
     #[default]
     Scale,
@@ -65,7 +65,7 @@ pub enum Action {
 /// When it is drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Time {
+pub enum RandomisationTime {
     /// For every episode.
     #[default]
     Reset,
@@ -103,9 +103,9 @@ impl Distribution {
 /// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Change {
+pub struct Randomisation {
     /// What.
-    pub what: Quantity,
+    pub what: RandomisedQuantity,
     /// Lowest and highest.
     pub range: [f64; 2],
     /// How it is spread between them.
@@ -113,18 +113,18 @@ pub struct Change {
     pub distribution: Distribution,
     /// How.
     #[serde(default)]
-    pub by: Action,
+    pub by: RandomisationOperation,
     /// When.
     #[serde(default)]
-    pub when: Time,
+    pub when: RandomisationTime,
     /// Whether every rotor (axis, drone) has a draw of its own, or all one in common.
     #[serde(default)]
     pub each: bool,
 }
 
-impl Change {
+impl Randomisation {
     /// Uniform factors on a quantity, drawn for every episode.
-    pub fn scale(what: Quantity, low: f64, high: f64) -> Self {
+    pub fn scale(what: RandomisedQuantity, low: f64, high: f64) -> Self {
         let (distribution, by, when) = Default::default();
         Self { what, range: [low, high], distribution, by, when, each: false }
     }
@@ -145,17 +145,24 @@ impl Change {
         }
         // of a number by its name, and of what is added to, the robot decides
         self.keeps(match &self.what {
-            Quantity::CenterOfMass | Quantity::Wind | Quantity::HiddenHeight | Quantity::Number(_) => Domain::AnySign,
-            Quantity::Drag | Quantity::AngularDrag | Quantity::HiddenMass | Quantity::MomentPerThrust => {
-                Domain::NonNegative
-            }
+            RandomisedQuantity::CenterOfMass
+            | RandomisedQuantity::Wind
+            | RandomisedQuantity::HiddenHeight
+            | RandomisedQuantity::Number(_) => Domain::AnySign,
+            RandomisedQuantity::Drag
+            | RandomisedQuantity::AngularDrag
+            | RandomisedQuantity::HiddenMass
+            | RandomisedQuantity::MomentPerThrust => Domain::NonNegative,
             _ => Domain::Positive,
         })?;
         if self.distribution == Distribution::LogUniform && low <= 0.0 {
             return Err(Error::value(what, low, "> 0 for log_uniform", "Use uniform where values may be negative."));
         }
-        let only_set = matches!(self.what, Quantity::Wind | Quantity::HiddenMass | Quantity::HiddenHeight);
-        if only_set && self.by != Action::Set {
+        let only_set = matches!(
+            self.what,
+            RandomisedQuantity::Wind | RandomisedQuantity::HiddenMass | RandomisedQuantity::HiddenHeight
+        );
+        if only_set && self.by != RandomisationOperation::Set {
             let what = format!("randomise.{:?}.by", self.what);
             return Err(Error::value(what, format!("{:?}", self.by), "set", "Nominally it is zero."));
         }
@@ -169,7 +176,7 @@ impl Change {
             let remedy = "A rotor turns one way or the other: build the vehicle that you mean.";
             return Err(Error::value(what, low, "of a number that may vary", remedy));
         }
-        if self.by != Action::Add && !domain.allows(low) {
+        if self.by != RandomisationOperation::Add && !domain.allows(low) {
             return Err(Error::value(what, low, domain.rule(), "Factors and values of it do not change its sign."));
         }
         Ok(())
@@ -177,14 +184,14 @@ impl Change {
 
     /// Whether it makes wind.
     pub fn blows(&self) -> bool {
-        self.what == Quantity::Wind
+        self.what == RandomisedQuantity::Wind
     }
 }
 
 /// A change with the places of its numbers.
 #[derive(Debug, Clone)]
 struct Prepared {
-    change: Change,
+    change: Randomisation,
     /// Groups that share a draw unless `each`.
     places: Vec<usize>,
 }
@@ -199,14 +206,14 @@ pub(crate) struct Randomiser {
     rotors: Vec<Vec<usize>>,
     nominal: Vec<f64>,
     /// Trees whose weight or lift changes.
-    flocks: Vec<Flock>,
+    flocks: Vec<MassGroup>,
     /// Where inertias begin that could become unphysical.
     inertias: Vec<usize>,
 }
 
 impl Randomiser {
     /// The robot with all numbers that the changes touch varying, and what changes them.
-    pub(crate) fn new(changes: &[Change], robot: &Robot) -> Result<Self> {
+    pub(crate) fn new(changes: &[Randomisation], robot: &Robot) -> Result<Self> {
         let (names, domains) = (robot.parameter_names(), robot.parameter_domains());
         let (bodies, rotors) = places(robot);
         let nominal = robot.parameters();
@@ -225,8 +232,10 @@ impl Randomiser {
         own.inertias = (0..robot.n_frame())
             .map(|body| Inertial::place(body) + 4)
             .filter(|at| {
-                let own =
-                    own.changes.iter().filter(|c| matches!(c.change.what, Quantity::Inertia | Quantity::Number(_)));
+                let own = own
+                    .changes
+                    .iter()
+                    .filter(|c| matches!(c.change.what, RandomisedQuantity::Inertia | RandomisedQuantity::Number(_)));
                 own.flat_map(|c| &c.places).any(|k| (*at..at + 6).contains(k))
             })
             .collect();
@@ -235,21 +244,28 @@ impl Randomiser {
 
     /// Refuses what could leave the physical, whatever is drawn; `least` are the smallest values before and behind the
     /// change. What interpolates between two values that are physical is so too.
-    fn check(&self, change: &Change, places: &[usize], known: (&[String], &[Domain]), least: &mut [f64]) -> Result<()> {
+    fn check(
+        &self,
+        change: &Randomisation,
+        places: &[usize],
+        known: (&[String], &[Domain]),
+        least: &mut [f64],
+    ) -> Result<()> {
         let (names, domains) = known;
         let low = change.range[0];
         for k in places {
             // a mass takes its inertia along, at a ratio that stays positive as the mass does
-            let is_mass = change.what != Quantity::Mass || self.bodies.iter().any(|b| Inertial::place(*b) == *k);
+            let is_mass =
+                change.what != RandomisedQuantity::Mass || self.bodies.iter().any(|b| Inertial::place(*b) == *k);
             let domain = domains[*k];
-            if matches!(change.what, Quantity::Number(_)) {
+            if matches!(change.what, RandomisedQuantity::Number(_)) {
                 change.keeps(domain)?;
             }
             if !domain.keeps_sign() || !is_mass {
                 continue;
             }
             let mut full = change.applied(least[*k], low, 1.0);
-            if change.what == Quantity::ThrustToWeight {
+            if change.what == RandomisedQuantity::ThrustToWeight {
                 full *= self.heavier(*k, least);
             }
             if !domain.allows(full) {
@@ -258,10 +274,10 @@ impl Randomiser {
                 return Err(Error::value(what, low, rule, "Raise the lower end."));
             }
             least[*k] = least[*k].min(full);
-            if change.what == Quantity::Mass && change.by != Action::Scale {
+            if change.what == RandomisedQuantity::Mass && change.by != RandomisationOperation::Scale {
                 let ratio = (full / self.nominal[*k]).min(1.0);
                 least[k + 4..k + 7].iter_mut().for_each(|moment| *moment *= ratio);
-            } else if change.what == Quantity::Mass {
+            } else if change.what == RandomisedQuantity::Mass {
                 least[k + 4..k + 7].iter_mut().for_each(|moment| *moment *= low.min(1.0));
             }
         }
@@ -270,7 +286,7 @@ impl Randomiser {
 
     /// All numbers that changes touch.
     pub(crate) fn varied(&self) -> impl Iterator<Item = usize> + '_ {
-        let inertial = self.changes.iter().any(|c| c.change.what == Quantity::HiddenMass);
+        let inertial = self.changes.iter().any(|c| c.change.what == RandomisedQuantity::HiddenMass);
         let bodies = self.bodies.iter().filter(move |_| inertial).flat_map(|b| {
             let place = Inertial::place(*b);
             place..place + 10
@@ -283,23 +299,23 @@ impl Randomiser {
         self.changes.iter().any(|c| c.change.blows())
     }
 
-    fn touched(&self, change: &Change, names: &[String]) -> Result<Vec<usize>> {
+    fn touched(&self, change: &Randomisation, names: &[String]) -> Result<Vec<usize>> {
         let of_bodies = |range: std::ops::Range<usize>| {
             self.bodies.iter().flat_map(|b| range.clone().map(|k| Inertial::place(*b) + k)).collect()
         };
         let of_rotors =
             |which: &[usize]| self.rotors.iter().flatten().flat_map(|at| which.iter().map(move |k| at + k)).collect();
         Ok(match &change.what {
-            Quantity::Mass => of_bodies(0..10),
-            Quantity::Inertia => of_bodies(4..10),
-            Quantity::CenterOfMass => of_bodies(1..4),
-            Quantity::Drag => of_bodies(DRAG..DRAG + 3),
-            Quantity::AngularDrag => of_bodies(ANGULAR_DRAG..ANGULAR_DRAG + 3),
-            Quantity::Thrust | Quantity::ThrustToWeight => of_rotors(&[at::thrust_coefficient]),
-            Quantity::MomentPerThrust => of_rotors(&[at::moment_per_thrust]),
-            Quantity::MotorTime => of_rotors(&[at::time_constant_up, at::time_constant_down]),
-            Quantity::Wind | Quantity::HiddenMass | Quantity::HiddenHeight => Vec::new(),
-            Quantity::Number(name) => match names.iter().position(|n| n == name) {
+            RandomisedQuantity::Mass => of_bodies(0..10),
+            RandomisedQuantity::Inertia => of_bodies(4..10),
+            RandomisedQuantity::CenterOfMass => of_bodies(1..4),
+            RandomisedQuantity::Drag => of_bodies(DRAG..DRAG + 3),
+            RandomisedQuantity::AngularDrag => of_bodies(ANGULAR_DRAG..ANGULAR_DRAG + 3),
+            RandomisedQuantity::Thrust | RandomisedQuantity::ThrustToWeight => of_rotors(&[at::thrust_coefficient]),
+            RandomisedQuantity::MomentPerThrust => of_rotors(&[at::moment_per_thrust]),
+            RandomisedQuantity::MotorTime => of_rotors(&[at::time_constant_up, at::time_constant_down]),
+            RandomisedQuantity::Wind | RandomisedQuantity::HiddenMass | RandomisedQuantity::HiddenHeight => Vec::new(),
+            RandomisedQuantity::Number(name) => match names.iter().position(|n| n == name) {
                 Some(k) => vec![k],
                 None => {
                     return Err(Error::Unknown { kind: "physical number", name: name.clone(), known: names.to_vec() });
@@ -310,7 +326,7 @@ impl Randomiser {
 
     /// Draws everything of one episode into `numbers` and `wind`, `share` of every change: from the draws of that episode and those
     /// that stay for a run.
-    pub(crate) fn apply<S: Drawn>(
+    pub(crate) fn apply<S: StartScalar>(
         &self,
         [mut now, mut once]: [Draws<'_, S>; 2],
         share: S,
@@ -320,13 +336,13 @@ impl Randomiser {
         let mut height = S::zero();
         for prepared in &self.changes {
             let change = &prepared.change;
-            let draws = if change.when == Time::Reset { &mut now } else { &mut once };
+            let draws = if change.when == RandomisationTime::Reset { &mut now } else { &mut once };
             match change.what {
-                Quantity::Wind => *wind = [0, 1, 2].map(|_| share * change.draw(draws)),
-                Quantity::HiddenHeight => height = share * change.draw(draws),
-                Quantity::HiddenMass => self.hide(change, (draws, share), height, numbers),
-                Quantity::Mass => self.weigh(change, (draws, share), numbers),
-                Quantity::Inertia => self.spread(change, (draws, share), numbers),
+                RandomisedQuantity::Wind => *wind = [0, 1, 2].map(|_| share * change.draw(draws)),
+                RandomisedQuantity::HiddenHeight => height = share * change.draw(draws),
+                RandomisedQuantity::HiddenMass => self.hide(change, (draws, share), height, numbers),
+                RandomisedQuantity::Mass => self.weigh(change, (draws, share), numbers),
+                RandomisedQuantity::Inertia => self.spread(change, (draws, share), numbers),
                 _ => self.vary(prepared, (draws, share), numbers),
             }
         }
@@ -335,11 +351,11 @@ impl Randomiser {
 
     /// Rotors that a task left at rest speed in `state` turn such that each tree carries the weight that was drawn, all its
     /// rotors at the same share of their largest thrust.
-    pub(crate) fn hover<S: Drawn>(&self, rest: &[f64], numbers: &[S], state: &mut [S]) {
+    pub(crate) fn hover<S: StartScalar>(&self, rest: &[f64], numbers: &[S], state: &mut [S]) {
         self.flocks.iter().for_each(|flock| flock.hover(rest, &self.nominal, numbers, state));
     }
 
-    fn vary<S: Drawn>(&self, prepared: &Prepared, (draws, share): (&mut Draws<'_, S>, S), numbers: &mut [S]) {
+    fn vary<S: StartScalar>(&self, prepared: &Prepared, (draws, share): (&mut Draws<'_, S>, S), numbers: &mut [S]) {
         let change = &prepared.change;
         let mut drawn = change.draw(draws);
         for (i, k) in prepared.places.iter().enumerate() {
@@ -347,7 +363,7 @@ impl Randomiser {
                 drawn = change.draw(draws);
             }
             let mut value = change.applied(numbers[*k], drawn, share);
-            if change.what == Quantity::ThrustToWeight {
+            if change.what == RandomisedQuantity::ThrustToWeight {
                 value *= self.heavier(*k, numbers);
             }
             numbers[*k] = value;
@@ -355,14 +371,14 @@ impl Randomiser {
     }
 
     /// Mass over nominal mass of the drone that carries the rotor with a number at `k`.
-    fn heavier<S: Drawn>(&self, k: usize, numbers: &[S]) -> S {
+    fn heavier<S: StartScalar>(&self, k: usize, numbers: &[S]) -> S {
         let n = N_ROTOR_PARAMETER;
         let owner = self.rotors.iter().position(|own| own.iter().any(|at| (*at..at + n).contains(&k)));
         let place = Inertial::place(self.bodies[owner.unwrap_or(0)]);
         numbers[place] * S::from(1.0 / self.nominal[place])
     }
 
-    fn weigh<S: Drawn>(&self, change: &Change, (draws, share): (&mut Draws<'_, S>, S), numbers: &mut [S]) {
+    fn weigh<S: StartScalar>(&self, change: &Randomisation, (draws, share): (&mut Draws<'_, S>, S), numbers: &mut [S]) {
         let mut drawn = change.draw(draws);
         for (i, body) in self.bodies.iter().enumerate() {
             if change.each && i > 0 {
@@ -374,7 +390,12 @@ impl Randomiser {
         }
     }
 
-    fn spread<S: Drawn>(&self, change: &Change, (draws, share): (&mut Draws<'_, S>, S), numbers: &mut [S]) {
+    fn spread<S: StartScalar>(
+        &self,
+        change: &Randomisation,
+        (draws, share): (&mut Draws<'_, S>, S),
+        numbers: &mut [S],
+    ) {
         for body in &self.bodies {
             let place = Inertial::place(*body) + 4;
             let common = change.draw(draws);
@@ -397,7 +418,13 @@ impl Randomiser {
         }
     }
 
-    fn hide<S: Drawn>(&self, change: &Change, (draws, share): (&mut Draws<'_, S>, S), height: S, numbers: &mut [S]) {
+    fn hide<S: StartScalar>(
+        &self,
+        change: &Randomisation,
+        (draws, share): (&mut Draws<'_, S>, S),
+        height: S,
+        numbers: &mut [S],
+    ) {
         let mut drawn = change.draw(draws);
         for (i, body) in self.bodies.iter().enumerate() {
             if change.each && i > 0 {
@@ -433,8 +460,8 @@ fn places(robot: &Robot) -> (Vec<usize>, Vec<Vec<usize>>) {
     }
 }
 
-impl Change {
-    fn draw<S: Drawn>(&self, draws: &mut Draws<'_, S>) -> S {
+impl Randomisation {
+    fn draw<S: StartScalar>(&self, draws: &mut Draws<'_, S>) -> S {
         let [low, high] = self.range;
         match self.distribution {
             Distribution::Uniform => draws.uniform(low, high),
@@ -447,11 +474,11 @@ impl Change {
     }
 
     /// The value that a draw makes of another, at this share of the change.
-    fn applied<S: Drawn>(&self, value: S, drawn: S, share: S) -> S {
+    fn applied<S: StartScalar>(&self, value: S, drawn: S, share: S) -> S {
         let full = match self.by {
-            Action::Scale => value * drawn,
-            Action::Add => value + drawn,
-            Action::Set => drawn,
+            RandomisationOperation::Scale => value * drawn,
+            RandomisationOperation::Add => value + drawn,
+            RandomisationOperation::Set => drawn,
         };
         // exact at either end
         (S::one() - share) * value + share * full

@@ -1,7 +1,7 @@
 //! What happened in an evaluation, step by step and episode by episode: for plots and files.
 
 use super::env::{Column, Env, Spec};
-use super::evaluate::Watched;
+use super::evaluate::EvaluationStep;
 use base::error::{Error, Result};
 use dynamics::batch::Breach;
 use serde::Serialize;
@@ -36,7 +36,7 @@ impl Spread {
 
 /// One step over all environments whose episode it belonged to.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Recorded {
+pub struct RecordedStep {
     /// Since the episodes began, s.
     pub time: f64,
     /// How many environments.
@@ -67,7 +67,7 @@ pub struct Recorded {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Record {
     /// Every step.
-    pub steps: Vec<Recorded>,
+    pub steps: Vec<RecordedStep>,
     /// The task's first metric in every step of the first few environments; 0 where a task has none.
     pub lines: Vec<Vec<f32>>,
     /// `[E, info]`: the columns of [`Spec::info`] in the last step of every episode.
@@ -107,7 +107,7 @@ impl Record {
     }
 
     /// Takes a step in.
-    pub fn see(&mut self, watched: &Watched<'_>) {
+    pub fn see(&mut self, watched: &EvaluationStep<'_>) {
         let (width, first) = (self.spec.info.len(), self.first_metric());
         let flying: Vec<usize> = (0..self.spec.n_env).filter(|i| watched.flying[*i]).collect();
         let reason = self.spec.column(Column::Reason);
@@ -129,7 +129,7 @@ impl Record {
             })
             .collect();
         let terms = self.terms(&flying, &watched.out.info);
-        self.steps.push(Recorded {
+        self.steps.push(RecordedStep {
             time: watched.step as f64 * self.spec.dt,
             n_flying: flying.len(),
             reward: terms.iter().sum(),

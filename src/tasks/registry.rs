@@ -33,7 +33,7 @@ use std::sync::{PoisonError, RwLock};
 
 /// One line of the registry.
 #[derive(Debug, Clone, Copy)]
-pub struct Entry {
+pub struct TaskEntry {
     /// What users type.
     pub name: &'static str,
     /// What the task is about, for tables in groups: the entries of a family follow each other.
@@ -47,15 +47,15 @@ pub struct Entry {
     make: fn(&str, &EnvConfig) -> Result<Env>,
 }
 
-const fn entry<T: BuiltIn>(name: &'static str, family: &'static str, description: &'static str) -> Entry {
-    Entry { name, family, description, defaults: "", own: "", make: make::<T> }
+const fn entry<T: BuiltIn>(name: &'static str, family: &'static str, description: &'static str) -> TaskEntry {
+    TaskEntry { name, family, description, defaults: "", own: "", make: make::<T> }
 }
 
 fn make<T: BuiltIn>(name: &str, config: &EnvConfig) -> Result<Env> {
     Env::of(T::new(config)?, name, config)
 }
 
-impl Entry {
+impl TaskEntry {
     /// The same task with defaults of its own, which `own` says in words.
     const fn variant(self, (defaults, own): (&'static str, &'static str)) -> Self {
         Self { defaults, own, ..self }
@@ -76,7 +76,7 @@ const TILTING: &str = "thrusters that tilt";
 
 /// Every built-in task.
 #[rustfmt::skip]
-pub static REGISTRY: &[Entry] = &[
+pub static REGISTRY: &[TaskEntry] = &[
     entry::<Hover>("Hover", ONE, "fly to a point and hold it, with a heading"),
     entry::<Track>("Track", ONE, "follow a lemniscate"),
     entry::<FlyThrough>("FlyThrough", ONE, "fly through a gate that slides sideways"),
@@ -105,7 +105,7 @@ pub static REGISTRY: &[Entry] = &[
     entry::<GateSwitch>("GateSwitch", TEAM, "swap sides through one gate"),
 ];
 
-impl Entry {
+impl TaskEntry {
     /// The environment of a configuration over the task's own defaults: they hold for settings of `task` that it does not
     /// name, and for `randomise` and `sensor` where they are none.
     ///
@@ -154,7 +154,7 @@ impl Env {
     }
 }
 
-static OWN: RwLock<Vec<&'static Entry>> = RwLock::new(Vec::new());
+static OWN: RwLock<Vec<&'static TaskEntry>> = RwLock::new(Vec::new());
 
 /// Makes a task of one's own known by its name in this process, as built-in ones are: to environments, training, evaluation,
 /// checkpoints and what is told of them. Do so before runs or policies of it are read.
@@ -175,7 +175,7 @@ pub fn names() -> Vec<&'static str> {
     all().iter().map(|entry| entry.name).collect()
 }
 
-fn all() -> Vec<&'static Entry> {
+fn all() -> Vec<&'static TaskEntry> {
     let own = OWN.read().unwrap_or_else(PoisonError::into_inner);
     REGISTRY.iter().chain(own.iter().copied()).collect()
 }
@@ -184,7 +184,7 @@ fn all() -> Vec<&'static Entry> {
 ///
 /// # Errors
 /// [`Error::Unknown`] with the nearest.
-pub fn by_name(name: &str) -> Result<&'static Entry> {
+pub fn by_name(name: &str) -> Result<&'static TaskEntry> {
     all().into_iter().find(|entry| entry.name.eq_ignore_ascii_case(name)).ok_or_else(|| Error::Unknown {
         kind: "task",
         name: name.to_string(),

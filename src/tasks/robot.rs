@@ -249,7 +249,7 @@ impl Robot {
         &self.rest
     }
 
-    /// The largest angle by which a vehicle leans in hover ([`Hover::lean`](dynamics::Hover::lean)), rad: starts have it, and
+    /// The largest angle by which a vehicle leans in hover ([`HoverTrim::lean`](dynamics::HoverTrim::lean)), rad: starts have it, and
     /// what a task rewards along body z is missed by its cosine.
     pub fn hover_lean(&self) -> f64 {
         let lean = |turn: &Quat<f64>| up_axis(*turn)[2].clamp(-1.0, 1.0).acos();

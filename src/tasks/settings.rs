@@ -25,7 +25,7 @@ pub struct Setting {
     /// What it is.
     pub meaning: String,
     /// What its numbers may be.
-    pub domain: Domain,
+    pub domain: SettingDomain,
 }
 
 impl Setting {
@@ -42,7 +42,7 @@ impl Setting {
 /// What the numbers of a setting may be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Domain {
+pub enum SettingDomain {
     /// Any that is finite.
     Any,
     /// > 0: distances, lengths.
@@ -57,7 +57,7 @@ pub enum Domain {
     PositiveOrdered,
 }
 
-impl Domain {
+impl SettingDomain {
     /// Refuses a value.
     fn check(self, key: &str, value: &toml::Value, meaning: &str) -> Result<()> {
         let (allows, rule): (fn(f64) -> bool, &str) = match self {
@@ -122,7 +122,7 @@ impl<T: Serialize + DeserializeOwned> SettingValue for T {
 }
 
 /// Who visits every setting: key, unit, meaning, domain, and the setting itself.
-pub type Visit<'a> = dyn FnMut(String, [&'static str; 2], Domain, &mut dyn SettingValue) -> Result<()> + 'a;
+pub type Visit<'a> = dyn FnMut(String, [&'static str; 2], SettingDomain, &mut dyn SettingValue) -> Result<()> + 'a;
 
 /// A struct of settings, as [`settings!`] makes it.
 pub trait Settings: Clone + Default {
@@ -177,7 +177,7 @@ pub trait Settings: Clone + Default {
     }
 }
 
-/// A struct of settings, each in one line: `name: type = default => ("unit", "meaning", Domain);`. What several tasks share is
+/// A struct of settings, each in one line: `name: type = default => ("unit", "meaning", SettingDomain);`. What several tasks share is
 /// a struct of its own, whose keys begin with the name of the field (`=> group;`) or not (`=> flat;`).
 ///
 /// ```
@@ -239,7 +239,7 @@ macro_rules! settings {
         $visit(
             format!("{}{}", $prefix, stringify!($field)),
             [$unit, $meaning],
-            $crate::settings::Domain::$domain,
+            $crate::settings::SettingDomain::$domain,
             &mut $own.$field,
         )?
     };

@@ -21,19 +21,19 @@ mod sealed {
 }
 
 /// Numbers that starts are made of: recorded ones, or plain ones on the host.
-pub trait Drawn: Scalar + From<f64> + sealed::Sealed {
+pub trait StartScalar: Scalar + From<f64> + sealed::Sealed {
     /// Whether a truth holds that depends on no input of a recording.
     #[doc(hidden)]
     fn holds(mask: Self::Mask) -> bool;
 }
 
-impl Drawn for f64 {
+impl StartScalar for f64 {
     fn holds(mask: bool) -> bool {
         mask
     }
 }
 
-impl Drawn for Trace {
+impl StartScalar for Trace {
     fn holds(mask: TraceMask) -> bool {
         flag::<Self>(mask).known() == Some(1.0)
     }
@@ -190,7 +190,7 @@ impl Streams<3> {
     }
 }
 
-impl<S: Drawn, const N: usize> Source<S> for Streams<N> {
+impl<S: StartScalar, const N: usize> Source<S> for Streams<N> {
     fn draw(&mut self, stream: usize, drawing: Drawing) -> S {
         S::from(drawing.number(|| self.0[stream].next_u64()))
     }
@@ -212,7 +212,7 @@ pub struct Draws<'a, S = Trace> {
     stream: usize,
 }
 
-impl<'a, S: Drawn> Draws<'a, S> {
+impl<'a, S: StartScalar> Draws<'a, S> {
     pub(crate) fn new(source: &'a RefCell<dyn Source<S> + 'a>, stream: usize) -> Self {
         Self { source, stream }
     }
@@ -316,7 +316,7 @@ pub struct Start<'a, S = Trace> {
 }
 
 /// What a start writes.
-pub(crate) struct Begun<'a, S> {
+pub(crate) struct StartOutput<'a, S> {
     pub robot: &'a Robot,
     pub state: &'a mut [S],
     pub goal: Goal<'a, S>,
@@ -324,10 +324,15 @@ pub(crate) struct Begun<'a, S> {
     pub numbers: &'a mut [S],
 }
 
-impl<'a, S: Drawn> Start<'a, S> {
+impl<'a, S: StartScalar> Start<'a, S> {
     /// With draws from the first three streams of a source.
-    pub(crate) fn new(own: Begun<'a, S>, source: &'a RefCell<dyn Source<S> + 'a>, event_at: S, difficulty: S) -> Self {
-        let Begun { robot, state, goal, task_state, numbers } = own;
+    pub(crate) fn new(
+        own: StartOutput<'a, S>,
+        source: &'a RefCell<dyn Source<S> + 'a>,
+        event_at: S,
+        difficulty: S,
+    ) -> Self {
+        let StartOutput { robot, state, goal, task_state, numbers } = own;
         let [reset, task, once] = [0, 1, 2].map(|stream| Draws::new(source, stream));
         Self { robot, state, goal, task_state, numbers, reset, task, once, event_at, difficulty, source }
     }

@@ -28,15 +28,15 @@ with_defaults! {
         /// Of its numbers, as functions of the state.
         pub smoothness: Smoothness = Smoothness::Smooth,
         /// How its numbers lie about each other.
-        #[serde(default, skip_serializing_if = "Layout::is_vector")]
-        pub layout: Layout = Layout::Vector,
+        #[serde(default, skip_serializing_if = "FieldLayout::is_vector")]
+        pub layout: FieldLayout = FieldLayout::Vector,
     }
 }
 
 /// How the numbers of a field lie about each other.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", tag = "kind")]
-pub enum Layout {
+pub enum FieldLayout {
     /// One behind the other.
     #[default]
     Vector,
@@ -63,7 +63,7 @@ pub enum Layout {
     },
 }
 
-impl Layout {
+impl FieldLayout {
     fn is_vector(&self) -> bool {
         *self == Self::Vector
     }
@@ -93,7 +93,7 @@ impl Field {
 
     /// Whether its numbers are what rays meet: pixels, or beams of a lidar.
     pub fn is_of_rays(&self) -> bool {
-        matches!(self.layout, Layout::Image { .. } | Layout::Lidar { .. })
+        matches!(self.layout, FieldLayout::Image { .. } | FieldLayout::Lidar { .. })
     }
 }
 

@@ -4,8 +4,8 @@ use crate::Worst;
 use crate::common::measure::larger;
 use crate::common::{airframe, cases, input, state, stream};
 use omnidrones::autodiff::{
-    Bounds, Certificate, CompiledJacobian, JacobianScratch, Objective, Rollout, Scalar, System, certify, jacobian,
-    linearise, safe,
+    Certificate, CertificateBounds, CompiledJacobian, JacobianScratch, Objective, Rollout, Scalar, System, certify,
+    jacobian, linearise, safe,
 };
 use omnidrones::controllers::{ClosedLoop, Rates, Reference, Target};
 use omnidrones::dynamics::tree::Multibody;
@@ -348,28 +348,28 @@ fn an_unguarded_norm_gives_a_nan_adjoint_and_no_certificate() {
     assert_eq!(adjoint(Rollout::new(Toy::<SAFE_NORM>, Sum).unwrap().gradient(&x, &u, &[]).1), 0.0);
     for c in [certify(&Toy::<RAW_NORM>, &x, &u, &[]), certify(&Toy::<MASKED_ROOT>, &x, &u, &[])] {
         let c = c.unwrap();
-        assert!(!c.holds(Bounds::default()) && c.adjoint_error == f64::INFINITY, "{c}");
+        assert!(!c.holds(CertificateBounds::default()) && c.adjoint_error == f64::INFINITY, "{c}");
     }
 }
 
 #[test]
 fn a_kink_at_the_point_or_a_slope_that_is_not_the_functions_own_breaks_the_certificate() {
     let kink = certify(&Toy::<KINK>, &[0.0, 1.0], &[0.5], &[]).unwrap();
-    assert!(kink.difference_error > 0.5 && !kink.holds(Bounds::default()), "{kink}");
+    assert!(kink.difference_error > 0.5 && !kink.holds(CertificateBounds::default()), "{kink}");
     let beside = certify(&Toy::<KINK>, &[0.7, 1.0], &[0.5], &[]).unwrap();
-    assert!(beside.holds(Bounds::default()), "{beside}");
+    assert!(beside.holds(CertificateBounds::default()), "{beside}");
     // no step is chosen because it agrees: this slope is the difference over the kink, at one length of step
     let secant = certify(&Toy::<SECANT>, &[1.0, 1.0], &[0.5], &[]).unwrap();
-    assert!(secant.difference_error > 0.3 && !secant.holds(Bounds::default()), "{secant}"); // measured 0.32
+    assert!(secant.difference_error > 0.3 && !secant.holds(CertificateBounds::default()), "{secant}"); // measured 0.32
     let unknown = Certificate { taylor_order: Some(f64::NAN), ..beside };
-    assert!(!unknown.holds(Bounds::default()), "{unknown}");
+    assert!(!unknown.holds(CertificateBounds::default()), "{unknown}");
     let blind = certify(&Toy::<BLIND>, &[0.3, 1.0], &[0.5], &[]).unwrap();
-    assert!(!blind.holds(Bounds::default()), "{blind}");
+    assert!(!blind.holds(CertificateBounds::default()), "{blind}");
 }
 
 #[test]
 fn a_kink_is_named_and_a_wrong_derivative_is_caught_beside_it() {
-    let bounds = Bounds::default();
+    let bounds = CertificateBounds::default();
     for side in [1.0, -1.0] {
         for size in [1e-2, 1.0, 1e3] {
             for gap in [0.0, 1e-15, 1e-12] {
@@ -408,7 +408,7 @@ fn a_kink_is_told_from_a_smooth_bend_of_any_sharpness() {
     for radius in [1e-4, 1e-2, 1.0, 1e3] {
         for at in [0.0, 0.3, -0.3] {
             let c = certify(&Bend(radius), &[at], &[], &[]).unwrap();
-            assert!(c.kinks == 0 && c.holds(Bounds::default()), "{radius} at {at}: {c}");
+            assert!(c.kinks == 0 && c.holds(CertificateBounds::default()), "{radius} at {at}: {c}");
         }
     }
 }

@@ -10,10 +10,10 @@ mod one_source;
 mod rng;
 
 use crate::common::measure::larger;
-use omnidrones::autodiff::{Bounds, System, certify};
+use omnidrones::autodiff::{CertificateBounds, System, certify};
 
 /// What our own systems keep, measured 7.5e-14, 8.9e-8, 0.020 and less; users are held to less.
-const BOUNDS: Bounds = Bounds { adjoint: 5e-12, difference: 1e-7, taylor: 0.05 };
+const BOUNDS: CertificateBounds = CertificateBounds { adjoint: 5e-12, difference: 1e-7, taylor: 0.05 };
 
 /// The worst of what certificates measured.
 #[derive(Default)]
@@ -31,7 +31,7 @@ impl Worst {
 
     fn certify_within<F: System>(
         &mut self,
-        bounds: Bounds,
+        bounds: CertificateBounds,
         name: &str,
         system: &F,
         x: &[f64],

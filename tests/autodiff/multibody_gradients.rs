@@ -3,7 +3,7 @@
 use crate::common::measure::larger;
 use crate::common::stream;
 use crate::{BOUNDS, Worst};
-use omnidrones::autodiff::{Bounds, Objective, Rollout, Scalar, System};
+use omnidrones::autodiff::{CertificateBounds, Objective, Rollout, Scalar, System};
 use omnidrones::dynamics::assembly::{Assembly, Solid, single};
 use omnidrones::dynamics::tree::{Model, Motion, Multibody};
 use omnidrones::dynamics::{Effects, Physics, configurations, vehicles};
@@ -47,7 +47,7 @@ fn certify_states(n: usize) {
         let mut r = stream(40, case as u64);
         // arms that turn about themselves with 3e-5 kg m² beside drones at 0.85 m: condition 1.7e5, which rounding grows by
         let ill = model.name() == "platform_2";
-        let bounds = if ill { Bounds { adjoint: 1e-9, difference: 5e-6, ..BOUNDS } } else { BOUNDS };
+        let bounds = if ill { CertificateBounds { adjoint: 1e-9, difference: 5e-6, ..BOUNDS } } else { BOUNDS };
         for integrator in crate::common::INTEGRATORS {
             for (name, effects) in effects() {
                 let system = Multibody::new(model, Physics { integrator, effects, ..Physics::default() }).unwrap();

@@ -1,7 +1,7 @@
 //! Machine code of everything that is recorded has the interpreter's bits.
 
 use crate::common::{cases, input, state, stream};
-use omnidrones::autodiff::native::{Executable, Layout, Rows, WhyInterpreted, availability, instructions};
+use omnidrones::autodiff::native::{Executable, RowLayout, Rows, WhyInterpreted, availability, instructions};
 use omnidrones::autodiff::program::BLOCK;
 use omnidrones::autodiff::{Program, Recording, Scalar, System, Trace, instruction_set};
 use omnidrones::dynamics::tree::Multibody;
@@ -27,7 +27,7 @@ fn compare(name: &str, program: &Program, point: &[f64], seed: u64) {
     let same64 = |a: f64, b: f64| a.to_bits() == b.to_bits() || a.is_nan() && b.is_nan();
     let same32 = |a: f32, b: f32| a.to_bits() == b.to_bits() || a.is_nan() && b.is_nan();
     let (n, m) = (program.n_input(), program.n_output());
-    let eight: Executable<[f64; 8]> = Executable::new(program, Layout::apart(n, m)).unwrap();
+    let eight: Executable<[f64; 8]> = Executable::new(program, RowLayout::apart(n, m)).unwrap();
     let rows: Vec<[f64; 8]> = (0..n).map(|k| std::array::from_fn(|l| points[l][k])).collect();
     let mut side_by_side = vec![[0.0; 8]; m];
     eight.run(&mut eight.work(), &mut [Rows::Read(&rows), Rows::Write(&mut side_by_side)], 8).unwrap();
@@ -49,7 +49,7 @@ fn compare(name: &str, program: &Program, point: &[f64], seed: u64) {
     let block: Vec<[f32; BLOCK]> = (0..n).map(|k| std::array::from_fn(|l| points[l][k] as f32)).collect();
     let mut interpreted = vec![[0.0; BLOCK]; m];
     program.evaluate_block(&mut program.interpreter_block_workspace(), &block, &mut interpreted);
-    let lanes: Executable<[f32; BLOCK]> = Executable::new(program, Layout::apart(n, m)).unwrap();
+    let lanes: Executable<[f32; BLOCK]> = Executable::new(program, RowLayout::apart(n, m)).unwrap();
     for n_env in [1, 9, 33, BLOCK] {
         let mut native = vec![[f32::NAN; BLOCK]; m];
         lanes.run(&mut lanes.work(), &mut [Rows::Read(&block), Rows::Write(&mut native)], n_env).unwrap();

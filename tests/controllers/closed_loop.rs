@@ -1,11 +1,11 @@
 //! Plants under controllers: failures, rates, latency, injections and batches, the same for every plant.
 
-use omnidrones::autodiff::{Bounds, Scalar, System, certify};
+use omnidrones::autodiff::{CertificateBounds, Scalar, System, certify};
 use omnidrones::controllers::reference::{Hover, Lemniscate};
 use omnidrones::controllers::{
-    ChainRamp, ChainShape, ClosedLoop, ControlLaw, Controller, FlightPlan, FormationController, Moment, MonteCarlo,
-    MonteCarloDraw, Outside, Rates, Reference, RotorFailure, Running, Setup, Target, Vectored, default_controller, fly,
-    start_on,
+    ChainRamp, ChainShape, ClosedLoop, ControlLaw, Controller, ExogenousInputs, FlightPlan, FormationController,
+    LawController, LawInput, MonteCarlo, MonteCarloDraw, Rates, Reference, RotorFailure, Setup, Target, Vectored,
+    default_controller, fly, start_on,
 };
 use omnidrones::dynamics::spatial::{conjugate, from_euler};
 use omnidrones::dynamics::{Disturbance, Effects, Physics, Plant, Vehicle, configurations, vehicles};
@@ -38,7 +38,7 @@ impl ControlLaw for Leaky {
     fn parameter_names(&self) -> Vec<String> {
         vec!["height".into(), "damping".into()]
     }
-    fn tick<S: Scalar>(&self, now: &Moment<'_, S>, memory: &mut [S], commands: &mut [S]) {
+    fn tick<S: Scalar>(&self, now: &LawInput<'_, S>, memory: &mut [S], commands: &mut [S]) {
         let nominal = [S::constant(0.3), S::constant(0.4)];
         let [p, d] = if now.parameters.is_empty() { nominal } else { [now.parameters[0], now.parameters[1]] };
         let (own, wanted) = (now.kinematics(), now.sample());
@@ -116,10 +116,10 @@ fn a_plan_with_other_rates_than_its_controller_is_refused() {
 
 /// Rows of a loop's input and of what acts on it from outside.
 fn inputs<L: ControlLaw>(
-    system: &ClosedLoop<Running<L>>,
+    system: &ClosedLoop<LawController<L>>,
     reference: &Reference,
     n: usize,
-) -> (Vec<Vec<f64>>, Vec<Outside>) {
+) -> (Vec<Vec<f64>>, Vec<ExogenousInputs>) {
     let (n_command, n_plant) = (system.n_command(), system.plant().n_state());
     let wave = |k: usize, i: usize, size: f64| size * ((0.13 * (k * (i + 1)) as f64).sin());
     let of = |k: usize| {
@@ -133,13 +133,13 @@ fn inputs<L: ControlLaw>(
         let injections = row.len() - n_command - n_plant;
         row[injections..injections + n_command].copy_from_slice(&at_input);
         row[injections + n_command..].copy_from_slice(&at_output);
-        (row, Outside { air, at_input, at_output })
+        (row, ExogenousInputs { air, at_input, at_output })
     };
     (0..n).map(of).unzip()
 }
 
 /// Steps a loop singly and as a system: the same bits.
-fn agrees<L: ControlLaw>(system: &ClosedLoop<Running<L>>, reference: &Reference) {
+fn agrees<L: ControlLaw>(system: &ClosedLoop<LawController<L>>, reference: &Reference) {
     let system = system.clone().with_injections();
     let start = start_on(system.plant(), system.controller(), reference).unwrap();
     let (rows, outside) = inputs(&system, reference, 300);
@@ -166,7 +166,7 @@ fn a_loop_stepped_singly_is_the_system_that_is_differentiated_bit_for_bit() {
         let cascade = ClosedLoop::of_vehicle(&iris, physics, &iris.gains(), &Rates::default()).unwrap();
         agrees(&cascade.with_latency(latency).unwrap(), &reference);
         let plant = Plant::of_vehicle(&iris, physics).unwrap();
-        agrees(&ClosedLoop::new(plant, Running::of(Leaky)).unwrap().with_latency(latency).unwrap(), &reference);
+        agrees(&ClosedLoop::new(plant, LawController::of(Leaky)).unwrap().with_latency(latency).unwrap(), &reference);
         let plant = Plant::of_model(&configurations::by_name("payload").unwrap(), physics).unwrap();
         let formation = FormationController::new(plant.tree().unwrap(), None, &Rates::default()).unwrap();
         agrees(&ClosedLoop::new(plant, formation).unwrap().with_latency(latency).unwrap(), &reference);
@@ -223,7 +223,7 @@ fn a_recorded_law_flies_as_the_law_it_was_recorded_from() {
         let recorded = own.recorded(&plant).unwrap().expect("straight-line");
         println!("{}: {} instructions a tick", plant.name(), recorded.len());
         let a = fly(&plant, &mut own, &plan, &mut |_| {}).unwrap();
-        let b = fly(&plant, &mut Running::of(recorded), &plan, &mut |_| {}).unwrap();
+        let b = fly(&plant, &mut LawController::of(recorded), &plan, &mut |_| {}).unwrap();
         let off = a.states.iter().zip(&b.states).map(|(a, b)| (a - b).abs() / (1.0 + a.abs())).fold(0.0, f64::max);
         println!("off by {off:.1e}");
         // measured: 0
@@ -235,8 +235,8 @@ fn a_recorded_law_flies_as_the_law_it_was_recorded_from() {
 fn the_certificate_holds_for_loops_with_physics_and_gains_exposed() {
     let iris = vehicles::by_name("iris").unwrap();
     let cascade = ClosedLoop::of_vehicle(&iris, Physics::default(), &iris.gains(), &Rates::default()).unwrap();
-    let leaky = ClosedLoop::new(vehicle("iris"), Running::of(Leaky)).unwrap();
-    fn check<L: ControlLaw>(system: ClosedLoop<Running<L>>) {
+    let leaky = ClosedLoop::new(vehicle("iris"), LawController::of(Leaky)).unwrap();
+    fn check<L: ControlLaw>(system: ClosedLoop<LawController<L>>) {
         let system = system.with_latency(2).unwrap().with_physics().with_gains().with_injections();
         let reference = high();
         let mut start = start_on(system.plant(), system.controller(), &reference).unwrap();
@@ -248,7 +248,7 @@ fn the_certificate_holds_for_loops_with_physics_and_gains_exposed() {
         assert_eq!(theta.len(), system.parameter_names().len());
         let c = certify(&system, &system.initial_state(&start), &rows[0], &theta).unwrap();
         println!("{c}");
-        assert!(c.holds(Bounds::default()), "{c}");
+        assert!(c.holds(CertificateBounds::default()), "{c}");
     }
     check(cascade);
     check(leaky);

@@ -1,7 +1,7 @@
 //! No vehicle, no gains and no latency make the search for margins run without end or panic.
 
 use omnidrones::controllers::cascade::Rates;
-use omnidrones::controllers::design::{ErrorState, LoopModel, Point, TrimTarget, trim};
+use omnidrones::controllers::design::{AnalysisPoint, ErrorState, LoopModel, TrimTarget, trim};
 use omnidrones::controllers::linear::{modes, unreachable};
 use omnidrones::controllers::reference::{Hover, Reference};
 use omnidrones::controllers::{ClosedLoop, Target};
@@ -59,13 +59,13 @@ fn judged((vehicle, gains, latency): (Vehicle, Gains, usize), everywhere: bool) 
     let there = Reference::Hover(Hover { position: [0.0; 3], yaw: 0.0 });
     let model = LoopModel::new(closed, Target::level(&there), &Disturbance::none(), &hover.state)?;
     let stable = model.stability()?.is_stable();
-    let commands = (0..model.commands.len()).map(Point::Command);
-    let points: Vec<Point> = commands.chain((0..12).map(Point::Measurement)).collect();
+    let commands = (0..model.commands.len()).map(AnalysisPoint::Command);
+    let points: Vec<AnalysisPoint> = commands.chain((0..12).map(AnalysisPoint::Measurement)).collect();
     for point in points.into_iter().step_by(if everywhere { 1 } else { 7 }) {
         let margins = model.margins(point)?;
         assert!(stable || !margins.stable, "{point:?}: {margins:?}");
     }
-    model.disk_margin(Point::Commands, 0.0)?;
+    model.disk_margin(AnalysisPoint::Commands, 0.0)?;
     Ok(stable)
 }
 

@@ -2,7 +2,7 @@
 
 use omnidrones::controllers::reference::{Circle, Hover, Reference};
 use omnidrones::controllers::registry::{Setup, controller};
-use omnidrones::controllers::{ClosedLoop, FlightPlan, Outside, Rates, Target, fly_from, start_on};
+use omnidrones::controllers::{ClosedLoop, ExogenousInputs, FlightPlan, Rates, Target, fly_from, start_on};
 use omnidrones::dynamics::spatial::{exponential, multiply, to_euler};
 use omnidrones::dynamics::{Disturbance, Physics, Plant, vehicles};
 use std::f64::consts::PI;
@@ -57,7 +57,7 @@ fn indi_holds_under_a_moment_without_integral_action_where_the_cascade_does_not(
             let mut next = state.clone();
             let mut system = ClosedLoop::new(plant.clone(), law).unwrap();
             for _ in 0..2500 {
-                system.advance(&state, Target::level(&reference), &Outside::air(air), &mut next).unwrap();
+                system.advance(&state, Target::level(&reference), &ExogenousInputs::air(air), &mut next).unwrap();
                 std::mem::swap(&mut state, &mut next);
             }
             let wanted = reference.sample(5.0).position;

@@ -1,7 +1,7 @@
 //! Integral action: what a model misses is learnt and taken off, and nothing winds up.
 
 use nalgebra::Complex;
-use omnidrones::controllers::closed_loop::{ClosedLoop, Outside};
+use omnidrones::controllers::closed_loop::{ClosedLoop, ExogenousInputs};
 use omnidrones::controllers::design::{LoopModel, TrimTarget, trim};
 use omnidrones::controllers::reference::{Hover, Reference, Tilt};
 use omnidrones::controllers::registry::controller;
@@ -30,7 +30,7 @@ fn path(
     x[2] = 2.0;
     let (mut next, target) = (x.clone(), Target { reference: &HOVER, tilt: &Tilt::LEVEL });
     let step = |k: usize| {
-        system.advance(&x, target, &Outside::air(air(k as f64 * physics.dt)), &mut next).unwrap();
+        system.advance(&x, target, &ExogenousInputs::air(air(k as f64 * physics.dt)), &mut next).unwrap();
         std::mem::swap(&mut x, &mut next);
         [x[0], x[1], x[2]]
     };
@@ -164,7 +164,7 @@ fn lqi_holds_a_steady_wind_and_lqr_does_not() {
             x[2] = 2.0;
             let (mut next, target) = (x.clone(), Target { reference: &HOVER, tilt: &Tilt::LEVEL });
             for _ in 0..10_000 {
-                system.advance(&x, target, &Outside::air(wind(0.0)), &mut next).unwrap();
+                system.advance(&x, target, &ExogenousInputs::air(wind(0.0)), &mut next).unwrap();
                 std::mem::swap(&mut x, &mut next);
             }
             x[0].hypot(x[1]).hypot(x[2] - 2.0)

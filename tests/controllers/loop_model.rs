@@ -2,7 +2,7 @@
 
 use nalgebra::Complex;
 use omnidrones::controllers::cascade::Rates;
-use omnidrones::controllers::design::{LoopModel, Point, TrimTarget, trim};
+use omnidrones::controllers::design::{AnalysisPoint, LoopModel, TrimTarget, trim};
 use omnidrones::controllers::linear::{disk_margin, margins};
 use omnidrones::controllers::reference::{Hover, Reference};
 use omnidrones::controllers::{ClosedLoop, Target};
@@ -28,7 +28,7 @@ fn a_loop_that_is_not_stable_bears_nothing() {
     let vehicle = vehicles::by_name("iris").unwrap();
     let late = model(&vehicle, &vehicle.gains(), &ONE_RATE, 100).unwrap();
     assert!(radius(&late) > 1.0);
-    let told = late.margins(Point::Command(0)).unwrap();
+    let told = late.margins(AnalysisPoint::Command(0)).unwrap();
     assert!(!told.stable && (told.gain_up, told.gain_down) == (1.0, 1.0), "{told:?}");
     assert!((told.phase, told.delay, told.disk.alpha) == (0.0, 0.0, 0.0), "{told:?}");
 }
@@ -39,7 +39,8 @@ fn at_one_rate_margins_are_those_of_the_plain_loop() {
         let vehicle = vehicles::by_name(name).unwrap();
         let model = model(&vehicle, &vehicle.gains(), &ONE_RATE, 0).unwrap();
         assert_eq!(model.period(), 1);
-        let (lifted, open) = (model.margins(Point::Command(0)).unwrap(), model.open(Point::Command(0)).unwrap());
+        let (lifted, open) =
+            (model.margins(AnalysisPoint::Command(0)).unwrap(), model.open(AnalysisPoint::Command(0)).unwrap());
         let plain = margins(&open).unwrap();
         let steps = (plain.delay / model.dt).ceil() * model.dt;
         assert!(plain.stable && lifted.stable);
@@ -62,7 +63,7 @@ fn at_one_rate_margins_are_those_of_the_plain_loop() {
         );
         assert!((lifted.disk.alpha / disk_margin(&open, 0.0).unwrap().alpha - 1.0).abs() < 1e-6, "{name}");
         let omega = [0.5, 7.0, 60.0, 400.0];
-        let response = model.response(Point::Command(0), &omega).unwrap();
+        let response = model.response(AnalysisPoint::Command(0), &omega).unwrap();
         for (w, s) in omega.iter().zip(response) {
             let l = open.at(open.on_axis(*w))[(0, 0)];
             assert!((s * (l + 1.0) - Complex::new(1.0, 0.0)).norm() < 1e-8, "{name} at {w}");
@@ -91,8 +92,8 @@ fn a_disk_margin_of_all_commands_is_at_most_that_of_each() {
     for name in ["hummingbird", "firefly"] {
         let vehicle = vehicles::by_name(name).unwrap();
         let model = model(&vehicle, &vehicle.gains(), &Rates::default(), 0).unwrap();
-        let all = model.disk_margin(Point::Commands, 0.0).unwrap();
-        let each = (0..model.commands.len()).map(|i| model.disk_margin(Point::Command(i), 0.0).unwrap().alpha);
+        let all = model.disk_margin(AnalysisPoint::Commands, 0.0).unwrap();
+        let each = (0..model.commands.len()).map(|i| model.disk_margin(AnalysisPoint::Command(i), 0.0).unwrap().alpha);
         let least = each.fold(f64::INFINITY, f64::min);
         println!("{name}: all {all:?}, least of one {least:.4}");
         assert!(0.0 < all.alpha && all.alpha <= least * (1.0 + 1e-6), "{name}: {} of {least}", all.alpha);
@@ -108,8 +109,10 @@ fn disk_margins_of_a_loop_of_several_rates_are_within_its_gain_and_phase_and_nea
     let (several, one) = (of(&Rates::default()), of(&ONE_RATE));
     assert!(several.period() > 1);
     for i in 0..12 {
-        let (m, single) =
-            (several.margins(Point::Measurement(i)).unwrap(), one.margins(Point::Measurement(i)).unwrap());
+        let (m, single) = (
+            several.margins(AnalysisPoint::Measurement(i)).unwrap(),
+            one.margins(AnalysisPoint::Measurement(i)).unwrap(),
+        );
         let (name, ratio) = (&several.measurements[i].name, m.disk.alpha / single.disk.alpha);
         println!(
             "{name}: {:.3} of {:.3}, at {:.2} and {:.2} rad/s",

@@ -1,6 +1,6 @@
 //! What fails a flight however small its errors are: the ground, and a load that turned over; and what does not.
 
-use omnidrones::controllers::mishap::{GRAZE, Judgement, Mishap, judge};
+use omnidrones::controllers::mishap::{FlightCheck, GRAZE, Mishap, judge};
 use omnidrones::controllers::reference::{Hover, Tilt, Waypoint, Waypoints};
 use omnidrones::controllers::{Flight, FlightPlan, Reference, Setup, default_controller, fly};
 use omnidrones::dynamics::spatial::{exponential, multiply};
@@ -27,7 +27,7 @@ fn still(plant: &Plant, height: f64, yaw: f64) -> Flight {
     flown(plant, Reference::Hover(Hover { position: [0.5, -1.0, height], yaw }), 2.0 * plant.physics().dt)
 }
 
-fn judged(plant: &Plant, flight: &Flight) -> Judgement {
+fn judged(plant: &Plant, flight: &Flight) -> FlightCheck {
     judge(plant, flight, true).unwrap()
 }
 

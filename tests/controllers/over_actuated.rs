@@ -7,8 +7,8 @@ use omnidrones::controllers::platform::Directions;
 use omnidrones::controllers::position::velocity_command;
 use omnidrones::controllers::reference::{Hover, Lemniscate, Step};
 use omnidrones::controllers::{
-    self, Controller, Flight, FlightPlan, FormationController, Platform, Rates, Reference, Setup, Tilt, Transport,
-    default_controller,
+    self, Controller, Flight, FlightPlan, FormationController, PlatformController, Rates, Reference, Setup, Tilt,
+    TransportController, default_controller,
 };
 use omnidrones::dynamics::spatial::{dot, from_euler, mat_mul, matrix, scale, sub, transpose};
 use omnidrones::dynamics::tree::{Multibody, body_poses};
@@ -27,12 +27,12 @@ fn controller_for(system: &Multibody, rates: &Rates) -> Box<dyn Controller> {
     default_controller(&system.clone().into(), &Setup::new(None, rates)).unwrap()
 }
 
-fn platform(system: &Multibody) -> Platform {
-    Platform::new(system, None, &Rates::default()).unwrap()
+fn platform(system: &Multibody) -> PlatformController {
+    PlatformController::new(system, None, &Rates::default()).unwrap()
 }
 
-fn transport(system: &Multibody) -> Transport {
-    Transport::new(system, None, &Rates::default()).unwrap()
+fn transport(system: &Multibody) -> TransportController {
+    TransportController::new(system, None, &Rates::default()).unwrap()
 }
 
 fn formation(system: &Multibody) -> FormationController {
@@ -239,7 +239,7 @@ fn drones_of_a_steep_platform_stay_out_of_each_others_wakes() {
     let system = system("platform");
     let flight = |wake: f64| {
         let directions = Directions { wake: wake.to_radians(), ..Directions::default() };
-        let mut controller = Platform::with_directions(&system, None, &Rates::default(), directions).unwrap();
+        let mut controller = PlatformController::with_directions(&system, None, &Rates::default(), directions).unwrap();
         let flown = fly(&system, &mut controller, &hover(0.0), tilted(0.0, 55.0), 10.0);
         let drift = flown.position(6.0)[0];
         (clearest(&system, &flown, 6.0), drift, controller.allocation().counts())
@@ -375,18 +375,22 @@ fn pilots_are_found_by_structure_and_refuse_what_cannot_work() {
     ] {
         assert_eq!(controller_for(&system(name), &Rates::default()).name(), controller, "{name}");
     }
-    let refusal =
-        |name: &str| Platform::new(&system(name), None, &Rates::default()).map(|_| ()).unwrap_err().to_string();
+    let refusal = |name: &str| {
+        PlatformController::new(&system(name), None, &Rates::default()).map(|_| ()).unwrap_err().to_string()
+    };
     assert!(refusal("transport").contains("a frame under two or more drones"), "{}", refusal("transport"));
     let hummingbird = omnidrones::dynamics::vehicles::by_name("hummingbird").unwrap().gains();
     let hasty = Gains { position: [9.0; 3], velocity: [6.0; 3], ..hummingbird };
-    let text = Platform::new(&system("platform"), Some(&hasty), &Rates::default()).map(|_| ()).unwrap_err().to_string();
+    let text = PlatformController::new(&system("platform"), Some(&hasty), &Rates::default())
+        .map(|_| ())
+        .unwrap_err()
+        .to_string();
     assert!(text.contains("bandwidth of the drones over that of the frame") && text.contains("Lower"), "{text}");
     // 1.78 and 8.90 rad/s
     let [frame, drones] = platform(&system("platform")).bandwidths();
     assert!((drones / frame - 5.0).abs() < 1e-12);
     let heavy = configurations::Transport { box_mass: 8.0, ..configurations::Transport::four() }.build().unwrap();
     let heavy = Multibody::new(&heavy.model, Physics::default()).unwrap();
-    let text = Transport::new(&heavy, None, &Rates::default()).map(|_| ()).unwrap_err().to_string();
+    let text = TransportController::new(&heavy, None, &Rates::default()).map(|_| ()).unwrap_err().to_string();
     assert!(text.contains("weight per drone"), "{text}");
 }

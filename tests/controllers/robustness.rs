@@ -1,12 +1,12 @@
 //! A loop over a box of plants: the share of stable ones, and the least margin in it.
 
 use omnidrones::controllers::design::robustness::robustness;
-use omnidrones::controllers::design::{Flaw, MarginGate, PlantBox, Robustness};
+use omnidrones::controllers::design::{MarginFailure, MarginGate, PlantUncertainty, Robustness};
 use omnidrones::controllers::{MonteCarloResult, MonteCarloSummary, Rates};
 use omnidrones::dynamics::{Disturbance, Physics, vehicles};
 use omnidrones::parallel::Threads;
 
-fn judged(name: &str, latency: usize, plants: &PlantBox, threads: usize) -> Robustness {
+fn judged(name: &str, latency: usize, plants: &PlantUncertainty, threads: usize) -> Robustness {
     let vehicle = vehicles::by_name(name).unwrap();
     let flown = (&Physics::default(), &Rates::default());
     let threads = Threads::new(threads).unwrap();
@@ -15,7 +15,7 @@ fn judged(name: &str, latency: usize, plants: &PlantBox, threads: usize) -> Robu
 
 #[test]
 fn a_box_of_plants_has_a_share_of_stable_ones_and_a_least_margin_whatever_the_threads() {
-    let plants = PlantBox { samples: 20, ..PlantBox::default() };
+    let plants = PlantUncertainty { samples: 20, ..PlantUncertainty::default() };
     let found = judged("hummingbird", 0, &plants, 2);
     println!("{found:?}");
     assert_eq!(found, judged("hummingbird", 0, &plants, 1));
@@ -34,20 +34,20 @@ fn a_box_of_plants_has_a_share_of_stable_ones_and_a_least_margin_whatever_the_th
 #[test]
 fn plants_that_are_not_stable_are_counted_and_named_with_what_is_wrong() {
     // 44 ms late: what the believed plant just does not bear
-    let found = judged("hummingbird", 22, &PlantBox { samples: 12, ..PlantBox::default() }, 2);
+    let found = judged("hummingbird", 22, &PlantUncertainty { samples: 12, ..PlantUncertainty::default() }, 2);
     println!("{:?}\n{:?}\n{:?}", found.stable, found.unstable, found.worst);
     let one = found.unstable.unwrap();
     assert!(found.stable.hits < 12 && one.disk == 0.0 && found.worst.disk == 0.0);
     assert!(
-        matches!(one.flaw, Some(Flaw::Unstable { growth, frequency }) if growth > 0.0 && frequency > 0.0),
+        matches!(one.flaw, Some(MarginFailure::Unstable { growth, frequency }) if growth > 0.0 && frequency > 0.0),
         "{one:?}"
     );
 }
 
 #[test]
 fn a_centre_of_mass_that_lies_off_takes_margin() {
-    let still = PlantBox { spread: 0.0, samples: 1, ..PlantBox::default() };
-    let [at, off] = [0.0, 0.03].map(|shift| judged("hummingbird", 0, &PlantBox { shift, ..still }, 2));
+    let still = PlantUncertainty { spread: 0.0, samples: 1, ..PlantUncertainty::default() };
+    let [at, off] = [0.0, 0.03].map(|shift| judged("hummingbird", 0, &PlantUncertainty { shift, ..still }, 2));
     println!("{:.4} → {:.4} at {:?}", at.worst.disk, off.worst.disk, off.worst.plant);
     assert_eq!(at.n_judged, 2);
     assert!(off.worst.disk < at.worst.disk && off.worst.plant.shift != [0.0; 2]);

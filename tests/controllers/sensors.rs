@@ -1,10 +1,10 @@
 //! What sensors read along a flight: the truth where they have no errors, late and rarely as told, in columns of its file.
 
 use omnidrones::controllers::{
-    ClosedLoop, Controller, Flight, FlightPlan, Measurement, Outside, Setup, Target, default_controller, fly,
+    ClosedLoop, Controller, ExogenousInputs, Flight, FlightPlan, Measurement, Setup, Target, default_controller, fly,
     fly_vehicle,
 };
-use omnidrones::dynamics::sensors::{Aboard, KINDS, SensorConfig, presets};
+use omnidrones::dynamics::sensors::{KINDS, OnboardSensors, SensorConfig, presets};
 use omnidrones::dynamics::spatial::{rotate_back, up_axis};
 use omnidrones::dynamics::{Physics, Plant, configurations, vehicles};
 use std::iter;
@@ -189,11 +189,11 @@ fn a_controller_may_fly_by_what_its_loop_s_sensors_read_alone() {
     };
 
     let mut open = ClosedLoop::new(plant.clone(), cascade()).unwrap();
-    let seeing = fly(&mut |x, next| open.advance(x, target, &Outside::none(), next).unwrap());
+    let seeing = fly(&mut |x, next| open.advance(x, target, &ExogenousInputs::none(), next).unwrap());
     let blind = |latency: u64| {
         let late = |sensor: &SensorConfig| SensorConfig { latency: Some(latency), ..sensor.clone() };
         let sensors: Vec<_> = sensors.iter().map(late).collect();
-        let channels = Aboard::new(&sensors, &plant).unwrap().channels();
+        let channels = OnboardSensors::new(&sensors, &plant).unwrap().channels();
         let first = |name: &str| channels.iter().position(|c| c.name == name).unwrap_or_else(|| panic!("no {name}"));
         let fields = [
             (0, 3, "motion_capture.position_x"),
@@ -206,7 +206,7 @@ fn a_controller_may_fly_by_what_its_loop_s_sensors_read_alone() {
         let from = fields.into_iter().flat_map(numbers).map(|((to, k), first)| (to, first + k)).collect();
         let blindfold = Blindfold { inside: cascade(), state: vec![f64::NAN; start.len()], from };
         let mut closed = ClosedLoop::new(plant.clone(), blindfold).unwrap().with_sensors(&sensors, 0).unwrap();
-        let end = fly(&mut |x, next| closed.advance(x, target, &Outside::none(), next).unwrap());
+        let end = fly(&mut |x, next| closed.advance(x, target, &ExogenousInputs::none(), next).unwrap());
         seeing.iter().zip(end).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
     };
     let (at_once, late) = (blind(0), blind(10));

@@ -2,7 +2,7 @@
 
 use omnidrones::controllers::allocation::Solver;
 use omnidrones::controllers::reference::{Hover, Lemniscate, Step};
-use omnidrones::controllers::vectored::Point;
+use omnidrones::controllers::vectored::TrackedPoint;
 use omnidrones::controllers::{
     self, ChainRamp, ChainShape, Controller, Flight, FlightPlan, Kinematics, Measurement, Rates, Reference, Setup,
     Target, Tilt, Vectored, default_controller,
@@ -287,7 +287,7 @@ fn pose_loops_leave_the_tilt_servos_time_to_follow() {
 fn the_root_can_be_tracked_instead_of_the_centre_of_mass() {
     let model = Dragon::default().build().expect("built").model;
     let mut robot = Robot::new(&model, hover(), Tilt::LEVEL, 12.0).bent(ChainShape::Arc(0.6));
-    robot.controller.controller = robot.controller.controller.tracking(Point::Root);
+    robot.controller.controller = robot.controller.controller.tracking(TrackedPoint::Root);
     robot.start = start_on(&robot.system, &robot.controller, &robot.plan.reference);
     let flight = robot.fly();
     let (early, late, angle) = (distance(&flight, 0.0), distance(&flight, 10.0), turn(&flight, &robot.plan, 10.0));

@@ -2,7 +2,7 @@
 
 use nalgebra::DMatrix;
 use omnidrones::controllers::cascade::Rates;
-use omnidrones::controllers::design::{ErrorState, LoopModel, Point, Stability, TrimTarget, bryson, lqr, trim};
+use omnidrones::controllers::design::{AnalysisPoint, ErrorState, LoopModel, Stability, TrimTarget, bryson, lqr, trim};
 use omnidrones::controllers::linear::{Signal, StateSpace, unobservable, unreachable};
 use omnidrones::controllers::reference::{Hover, Reference};
 use omnidrones::controllers::{ClosedLoop, HoverFeedback, HoverWeights, Target};
@@ -271,9 +271,9 @@ fn a_loop_whose_gains_all_but_leave_out_a_direction_is_marginal_and_named_so() {
         weak.position[2] = tiny;
         let model = hovering(&vehicle, &weak);
         assert_eq!(model.stability().unwrap(), Stability::Marginal(vec!["position_z".into()]), "{tiny:e}");
-        let margins = model.margins(Point::Command(0)).unwrap();
+        let margins = model.margins(AnalysisPoint::Command(0)).unwrap();
         assert!(!margins.stable && margins.disk.alpha == 0.0, "{tiny:e}: {margins:?}");
-        assert_eq!(model.disk_margin(Point::Commands, 0.0).unwrap().alpha, 0.0);
+        assert_eq!(model.disk_margin(AnalysisPoint::Commands, 0.0).unwrap().alpha, 0.0);
     }
 }
 

@@ -46,8 +46,8 @@ use omnidrones::controllers::design::{Descent, Iteration};
 use omnidrones::controllers::parameters::{BodyModel, CommandLimits, ForceLimits, GainSet};
 use omnidrones::controllers::reference::{Curve, Lemniscate};
 use omnidrones::controllers::{
-    AttitudeCommand, ClosedLoop, ControlLaw, Kinematics, Moment, Orientation, Rates, Reference, Running, Setpoint,
-    SixAxis, Target, vectored,
+    AttitudeCommand, ClosedLoop, ControlLaw, Kinematics, LawController, LawInput, Orientation, Rates, Reference,
+    Setpoint, SixAxis, Target, vectored,
 };
 use omnidrones::dynamics::configurations::Omav;
 use omnidrones::dynamics::spatial::*;
@@ -93,7 +93,7 @@ struct Arm {
 }
 
 /// The loop: θ as the [module](self) says.
-pub type Tilting = ClosedLoop<Running<TiltingLaw>>;
+pub type Tilting = ClosedLoop<LawController<TiltingLaw>>;
 
 /// Its law. Target: a [`Setpoint`] and an [`AttitudeCommand`], whose thrust plays no part.
 pub struct TiltingLaw {
@@ -118,7 +118,7 @@ pub struct TiltingLaw {
 /// As [`TiltingLaw::new`].
 pub fn tilting(omav: &Omav, physics: Physics) -> Result<Tilting> {
     let law = TiltingLaw::new(omav, physics)?;
-    Ok(ClosedLoop::new(law.plant.clone().into(), Running::of(law))?.with_gains())
+    Ok(ClosedLoop::new(law.plant.clone().into(), LawController::of(law))?.with_gains())
 }
 
 impl TiltingLaw {
@@ -269,7 +269,7 @@ impl ControlLaw for TiltingLaw {
         let more = ["null_space", "horizon"].map(String::from);
         GainSet::<f64>::names("").into_iter().chain(more).map(|name| format!("ln {name}")).collect()
     }
-    fn tick<S: Scalar>(&self, now: &Moment<'_, S>, _memory: &mut [S], commands: &mut [S]) {
+    fn tick<S: Scalar>(&self, now: &LawInput<'_, S>, _memory: &mut [S], commands: &mut [S]) {
         let nominal = self.nominal.iter().map(|k| S::constant(*k)).collect();
         let theta: Vec<S> = if now.parameters.is_empty() { nominal } else { now.parameters.to_vec() };
         let allocated = self.allocate(now.state, now.target, &theta);

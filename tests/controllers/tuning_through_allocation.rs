@@ -1,6 +1,6 @@
 //! Gradients put to use through a bounded allocation: six-axis gains, null-space weight and tilt horizon of an Omav.
 
-use omnidrones::autodiff::{Bounds, Rollout, System, certify};
+use omnidrones::autodiff::{CertificateBounds, Rollout, System, certify};
 use omnidrones::controllers::allocation::wrench_matrix;
 use omnidrones::dynamics::configurations::Omav;
 use omnidrones::dynamics::{Integrator, Physics};
@@ -78,7 +78,7 @@ fn the_certificate_holds_for_a_step_of_the_whole_loop() {
     theta[12] = 0.1_f64.ln();
     let c = certify(&system, &x, &u, &theta).unwrap();
     println!("{c}"); // measured 5.3e-14, 4.9e-8
-    assert!(c.holds(Bounds::default()), "{c}");
+    assert!(c.holds(CertificateBounds::default()), "{c}");
 }
 
 #[test]

@@ -21,7 +21,7 @@ fn pair() -> Assembly {
     let mut a = Assembly::new("pair");
     a.part("base", ball());
     a.part("arm", Solid::bar([0.0; 3], [0.5, 0.0, 0.0], 0.01).mass(0.2));
-    a.join(Join::new("hinge", Kind::Revolute(Y), "base", "arm"));
+    a.join(JointSpec::new("hinge", JointKind::Revolute(Y), "base", "arm"));
     a
 }
 
@@ -51,7 +51,10 @@ fn welded_parts_have_the_inertia_computed_by_hand() {
     a.part("handle", Solid::cuboid([0.6, 0.04, 0.04]).mass(0.5));
     a.part("head", Solid::cuboid([0.3, 0.1, 0.1]).mass(1.5));
     // the head lies across the end of the handle: its x is the handle's y
-    a.join(Join::new("weld", Kind::Fixed, "handle", "head").at(Placement::from([0.3, 0.0, 0.0]).turned(Z, FRAC_PI_2)));
+    a.join(
+        JointSpec::new("weld", JointKind::Fixed, "handle", "head")
+            .at(Placement::from([0.3, 0.0, 0.0]).turned(Z, FRAC_PI_2)),
+    );
     let model = a.model().unwrap();
     assert_eq!(model.bodies().len(), 1);
     let body = &model.bodies()[0];
@@ -74,8 +77,8 @@ fn a_chain_of_welds_takes_rotors_and_shapes_along() {
     a.part("foot", ball());
     a.part("mast", Solid::bar([0.0; 3], Z, 0.02).mass(0.3));
     a.part("drone", Solid::vehicle(&hummingbird()));
-    a.join(Join::new("second", Kind::Fixed, "mast", "drone").at(Placement::from(Z).turned(X, FRAC_PI_2)));
-    a.join(Join::new("first", Kind::Fixed, "foot", "mast").at([0.0, 0.0, 0.1]));
+    a.join(JointSpec::new("second", JointKind::Fixed, "mast", "drone").at(Placement::from(Z).turned(X, FRAC_PI_2)));
+    a.join(JointSpec::new("first", JointKind::Fixed, "foot", "mast").at([0.0, 0.0, 0.1]));
     let model = a.model().unwrap();
     assert_eq!((model.bodies().len(), model.bodies()[0].name.as_str()), (1, "foot"));
     assert!((model.mass() - (1.0 + 0.3 + 0.716)).abs() < 1e-12);
@@ -97,7 +100,12 @@ fn a_chain_of_welds_takes_rotors_and_shapes_along() {
 fn a_universal_joint_becomes_two_hinges_with_a_massless_cross() {
     let mut a = pair();
     a.part("tip", ball());
-    a.join(Join::new("knee", Kind::Universal(Y, Z), "arm", "tip").at([0.5, 0.0, 0.0]).damping(0.1).range(-1.0, 2.0));
+    a.join(
+        JointSpec::new("knee", JointKind::Universal(Y, Z), "arm", "tip")
+            .at([0.5, 0.0, 0.0])
+            .damping(0.1)
+            .range(-1.0, 2.0),
+    );
     let model = a.model().unwrap();
     let cross = &model.bodies()[model.joint("knee.y").unwrap()];
     let tip = &model.bodies()[model.joint("knee.z").unwrap()];
@@ -114,11 +122,17 @@ fn placements_on_both_sides_coincide_at_rest() {
         Placement::from([0.3, -0.2, 0.5]).turned([1.0, 1.0, 0.0], 0.8),
         Placement::from([-0.1, 0.4, 0.2]).turned([0.0, 1.0, 3.0], -1.1),
     );
-    for kind in [Kind::Fixed, Kind::Revolute([1.0, 2.0, 2.0]), Kind::Universal(X, Y), Kind::Ball, Kind::Prismatic(Z)] {
+    for kind in [
+        JointKind::Fixed,
+        JointKind::Revolute([1.0, 2.0, 2.0]),
+        JointKind::Universal(X, Y),
+        JointKind::Ball,
+        JointKind::Prismatic(Z),
+    ] {
         let mut a = Assembly::new("two");
         a.part("a", ball());
         a.part("b", Solid::cuboid([0.1, 0.2, 0.3]).mass(0.4));
-        a.join(Join::new("j", kind, "a", "b").at(at).child_at(child_at));
+        a.join(JointSpec::new("j", kind, "a", "b").at(at).child_at(child_at));
         let model = a.model().unwrap();
         let system = Multibody::new(&model, Physics::default()).unwrap();
         let pose = frame_pose(&system, &system.rest_state(), &model.frame("b").unwrap());
@@ -134,7 +148,7 @@ fn an_axis_is_given_in_the_joints_frame_and_made_a_unit_vector() {
     let mut a = pair();
     a.part("tip", ball());
     // the joint's frame is turned by 60° about z on the child's side: its x is (½, √3/2, 0) there
-    let joint = Join::new("j", Kind::Revolute([5.0, 0.0, 0.0]), "arm", "tip");
+    let joint = JointSpec::new("j", JointKind::Revolute([5.0, 0.0, 0.0]), "arm", "tip");
     a.join(joint.child_at(Placement::from([0.0, 0.0, 0.2]).turned(Z, FRAC_PI_3)));
     let model = a.model().unwrap();
     let body = &model.bodies()[model.body("tip").unwrap()];
@@ -151,7 +165,8 @@ fn parents_come_first_whatever_the_order_of_parts() {
         a.part(format!("link_{i}"), ball());
     }
     for i in [2, 0, 3, 1] {
-        let join = Join::new(format!("j_{i}"), Kind::Revolute(Y), format!("link_{i}"), format!("link_{}", i + 1));
+        let join =
+            JointSpec::new(format!("j_{i}"), JointKind::Revolute(Y), format!("link_{i}"), format!("link_{}", i + 1));
         a.join(join.at([0.0, 0.0, -0.3]));
     }
     let names: Vec<String> = a.model().unwrap().bodies().iter().map(|b| b.name.clone()).collect();
@@ -164,7 +179,7 @@ fn drones_welded_into_one_body_become_one_source_of_wakes() {
     a.part("bar", Solid::bar([-1.0, 0.0, 0.0], X, 0.02).mass(0.2));
     for (name, x) in [("left", -1.0), ("right", 1.0)] {
         a.part(name, Solid::vehicle(&hummingbird()));
-        a.join(Join::new(format!("on_{name}"), Kind::Fixed, "bar", name).at([x, 0.0, 0.0]));
+        a.join(JointSpec::new(format!("on_{name}"), JointKind::Fixed, "bar", name).at([x, 0.0, 0.0]));
     }
     let model = a.model().unwrap();
     let [drone] = model.drones() else { panic!("{:?}", model.drones()) };
@@ -177,9 +192,9 @@ fn what_is_fixed_to_the_world_is_an_obstacle_and_what_hangs_on_it_is_a_root() {
     a.part("post", Solid::bar([0.0; 3], Z, 0.05).mass(10.0));
     a.part("arm", Solid::bar([0.0; 3], X, 0.02).mass(1.0));
     a.part("hook", ball());
-    a.join(Join::new("base", Kind::Fixed, WORLD, "post").at([2.0, 0.0, 0.0]));
-    a.join(Join::new("slew", Kind::Revolute(Z), "post", "arm").at([0.0, 0.0, 1.0]));
-    a.join(Join::new("rope", Kind::Ball, "arm", "hook").at(X).child_at([0.0, 0.0, 0.5]));
+    a.join(JointSpec::new("base", JointKind::Fixed, WORLD, "post").at([2.0, 0.0, 0.0]));
+    a.join(JointSpec::new("slew", JointKind::Revolute(Z), "post", "arm").at([0.0, 0.0, 1.0]));
+    a.join(JointSpec::new("rope", JointKind::Ball, "arm", "hook").at(X).child_at([0.0, 0.0, 0.5]));
     let model = a.model().unwrap();
     assert_eq!(model.bodies().len(), 2);
     assert_eq!((model.bodies()[0].parent, model.bodies()[0].joint.position), (None, [2.0, 0.0, 1.0]));
@@ -204,7 +219,7 @@ fn given_masses_stay_and_masses_of_a_density_grow_with_the_volume() {
     }
     let mut a = pair();
     a.part("sled", ball());
-    a.join(Join::new("slide", Kind::Prismatic(X), "arm", "sled").at([0.5, 0.0, 0.0]).range(-0.1, 0.2));
+    a.join(JointSpec::new("slide", JointKind::Prismatic(X), "arm", "sled").at([0.5, 0.0, 0.0]).range(-0.1, 0.2));
     a.scale(3.0).unwrap();
     let model = a.model().unwrap();
     let sled = &model.bodies()[model.body("sled").unwrap()].joint;
@@ -249,7 +264,8 @@ fn a_rate_servo_has_the_inertia_that_its_joint_feels_over_its_lag() {
         a.part(name, Solid::bar([-half, 0.0, 0.0], [half, 0.0, 0.0], 0.01).mass(mass));
     }
     let servo = Servo::Rate { time_constant: 0.02, max_torque: 1.0, range: 3.0 };
-    let hinge = Join::new("hinge", Kind::Revolute(Z), "a", "b").at([half, 0.0, 0.0]).child_at([-half, 0.0, 0.0]);
+    let hinge =
+        JointSpec::new("hinge", JointKind::Revolute(Z), "a", "b").at([half, 0.0, 0.0]).child_at([-half, 0.0, 0.0]);
     a.join(hinge.servo(servo).range(-2.0, 2.0));
     let model = a.model().unwrap();
     let joint = &model.bodies()[1].joint;
@@ -277,7 +293,7 @@ fn a_group_keeps_names_by_prefix_and_moves_what_hangs_on_the_world() {
     let drone = pair().model().unwrap();
     let mut crane = Assembly::new("crane");
     crane.part("arm", Solid::bar([0.0; 3], X, 0.02).mass(1.0));
-    crane.join(Join::new("slew", Kind::Revolute(Z), WORLD, "arm").at([0.0, 0.0, 1.0]));
+    crane.join(JointSpec::new("slew", JointKind::Revolute(Z), WORLD, "arm").at([0.0, 0.0, 1.0]));
     let crane = crane.model().unwrap();
     let members = [
         Member::new("left", drone.clone(), [0.0, 1.0, 2.0]),
@@ -303,7 +319,7 @@ fn a_group_keeps_names_by_prefix_and_moves_what_hangs_on_the_world() {
 #[test]
 fn an_unknown_part_is_named_with_the_nearest() {
     let mut a = pair();
-    a.join(Join::new("j", Kind::Fixed, "arn", "base"));
+    a.join(JointSpec::new("j", JointKind::Fixed, "arn", "base"));
     assert!(matches!(a.model(), Err(Error::Unknown { .. })));
     says(&refusal(a.model()), &["no part is called 'arn'", "did you mean 'arm'?"]);
     says(&refusal(pair().set_mass("bsae", 1.0)), &["no part is called 'bsae'", "'base'"]);
@@ -313,8 +329,8 @@ fn an_unknown_part_is_named_with_the_nearest() {
 fn a_part_carried_twice_is_a_loop() {
     let mut a = pair();
     a.part("rod", ball());
-    a.join(Join::new("one", Kind::Revolute(Y), "base", "rod"));
-    a.join(Join::new("two", Kind::Revolute(Y), "arm", "rod"));
+    a.join(JointSpec::new("one", JointKind::Revolute(Y), "base", "rod"));
+    a.join(JointSpec::new("two", JointKind::Revolute(Y), "arm", "rod"));
     says(&refusal(a.model()), &["part 'rod'", "'one' and 'two'", "loop"]);
 }
 
@@ -325,13 +341,13 @@ fn a_cycle_is_named_with_its_parts() {
         a.part(name, ball());
     }
     for (name, parent, child) in [("a", "p", "q"), ("b", "q", "r"), ("c", "r", "p")] {
-        a.join(Join::new(name, Kind::Revolute(Y), parent, child));
+        a.join(JointSpec::new(name, JointKind::Revolute(Y), parent, child));
     }
     let text = refusal(a.model());
     says(&text, &["its own ancestor", "p", "q", "r", "cycle"]);
     assert!(!text.contains("base"), "{text}");
     let mut a = pair();
-    a.join(Join::new("self", Kind::Revolute(Y), "base", "base"));
+    a.join(JointSpec::new("self", JointKind::Revolute(Y), "base", "base"));
     says(&refusal(a.model()), &["part 'base'", "its own ancestor"]);
 }
 
@@ -342,22 +358,22 @@ fn a_second_root_is_named_with_the_first() {
     says(&refusal(a.model()), &["part 'stray'", "'base' is a root already"]);
     let mut a = pair();
     a.part("held", ball());
-    a.join(Join::new("pin", Kind::Revolute(Y), WORLD, "held"));
+    a.join(JointSpec::new("pin", JointKind::Revolute(Y), WORLD, "held"));
     says(&refusal(a.model()), &["part 'base'", "'held' is held by the world"]);
 }
 
 #[test]
 fn an_axis_without_direction_names_its_joint() {
     for (kind, which) in [
-        (Kind::Revolute([0.0; 3]), "axis"),
-        (Kind::Prismatic([0.0; 3]), "axis"),
-        (Kind::Universal(X, [0.0; 3]), "second axis"),
-        (Kind::Universal(X, [2.0, 0.0, 0.0]), "second axis"),
-        (Kind::Revolute([0.0, f64::NAN, 1.0]), "axis"),
+        (JointKind::Revolute([0.0; 3]), "axis"),
+        (JointKind::Prismatic([0.0; 3]), "axis"),
+        (JointKind::Universal(X, [0.0; 3]), "second axis"),
+        (JointKind::Universal(X, [2.0, 0.0, 0.0]), "second axis"),
+        (JointKind::Revolute([0.0, f64::NAN, 1.0]), "axis"),
     ] {
         let mut a = pair();
         a.part("tip", ball());
-        a.join(Join::new("knee", kind, "arm", "tip"));
+        a.join(JointSpec::new("knee", kind, "arm", "tip"));
         says(&refusal(a.model()), &["joint 'knee'", which]);
     }
 }
@@ -366,11 +382,11 @@ fn an_axis_without_direction_names_its_joint() {
 fn no_mass_at_a_leaf_names_the_part() {
     let mut a = pair();
     a.part("tip", Solid::sphere(0.1));
-    a.join(Join::new("knee", Kind::Revolute(Y), "arm", "tip"));
+    a.join(JointSpec::new("knee", JointKind::Revolute(Y), "arm", "tip"));
     says(&refusal(a.model()), &["'tip'", "mass"]);
     let mut a = pair();
     a.part("point", Solid::explicit(0.1, [0.0; 3], Inertia::zero()));
-    a.join(Join::new("knee", Kind::Revolute(Y), "arm", "point"));
+    a.join(JointSpec::new("knee", JointKind::Revolute(Y), "arm", "point"));
     says(&refusal(a.model()), &["'point'", "inertia"]);
 }
 
@@ -378,7 +394,7 @@ fn no_mass_at_a_leaf_names_the_part() {
 fn ranges_that_cross_name_the_joint() {
     let mut a = pair();
     a.part("tip", ball());
-    a.join(Join::new("knee", Kind::Revolute(Y), "arm", "tip").range(1.0, -1.0));
+    a.join(JointSpec::new("knee", JointKind::Revolute(Y), "arm", "tip").range(1.0, -1.0));
     says(&refusal(a.model()), &["joint 'knee'", "lower", "-1"]);
 }
 
@@ -391,14 +407,14 @@ fn a_servo_without_bound_names_the_joint() {
         ] {
             let mut a = pair();
             a.part("tip", ball());
-            a.join(Join::new("knee", Kind::Revolute(Y), "arm", "tip").servo(servo));
+            a.join(JointSpec::new("knee", JointKind::Revolute(Y), "arm", "tip").servo(servo));
             says(&refusal(a.model()), &["joint 'knee'", "max_torque"]);
         }
     }
     let mut a = pair();
     a.part("tip", ball());
     let servo = Servo::Rate { time_constant: 0.0, max_torque: 1.0, range: 1.0 };
-    a.join(Join::new("knee", Kind::Revolute(Y), "arm", "tip").servo(servo));
+    a.join(JointSpec::new("knee", JointKind::Revolute(Y), "arm", "tip").servo(servo));
     says(&refusal(a.model()), &["joint 'knee'", "time_constant"]);
 }
 
@@ -409,7 +425,7 @@ fn repeated_and_reserved_names_are_refused() {
     says(&refusal(a.model()), &["part 'arm'", "twice"]);
     let mut a = pair();
     a.part("tip", ball());
-    a.join(Join::new("hinge", Kind::Revolute(Y), "arm", "tip"));
+    a.join(JointSpec::new("hinge", JointKind::Revolute(Y), "arm", "tip"));
     says(&refusal(a.model()), &["joint 'hinge'", "twice"]);
     let mut a = pair();
     a.part(WORLD, ball());
@@ -432,12 +448,12 @@ fn sizes_masses_and_places_that_are_no_numbers_name_the_part() {
     ] {
         let mut a = pair();
         a.part("odd", solid);
-        a.join(Join::new("j", Kind::Revolute(Y), "arm", "odd"));
+        a.join(JointSpec::new("j", JointKind::Revolute(Y), "arm", "odd"));
         says(&refusal(a.model()), &["part 'odd'", word]);
     }
     let mut a = pair();
     a.part("tip", ball());
-    a.join(Join::new("knee", Kind::Fixed, "arm", "tip").at([f64::NAN, 0.0, 0.0]));
+    a.join(JointSpec::new("knee", JointKind::Fixed, "arm", "tip").at([f64::NAN, 0.0, 0.0]));
     says(&refusal(a.model()), &["joint 'knee'", "place in the parent"]);
     says(&refusal(pair().scale(0.0)), &["assembly 'pair'", "scale"]);
     says(&refusal(pair().set_mass("arm", f64::NAN)), &["'arm'", "mass"]);
@@ -447,11 +463,11 @@ fn sizes_masses_and_places_that_are_no_numbers_name_the_part() {
 #[test]
 fn what_cannot_hold_on_a_joint_is_refused_by_name() {
     let servo = Servo::Rate { time_constant: 0.02, max_torque: 1.0, range: 1.0 };
-    let base = |kind| Join::new("knee", kind, "arm", "tip");
+    let base = |kind| JointSpec::new("knee", kind, "arm", "tip");
     for (join, word) in [
-        (base(Kind::Ball).range(-1.0, 1.0), "range"),
-        (base(Kind::Fixed).servo(servo), "servo"),
-        (base(Kind::Floating), "parent"),
+        (base(JointKind::Ball).range(-1.0, 1.0), "range"),
+        (base(JointKind::Fixed).servo(servo), "servo"),
+        (base(JointKind::Floating), "parent"),
     ] {
         let mut a = pair();
         a.part("tip", ball());
@@ -460,14 +476,14 @@ fn what_cannot_hold_on_a_joint_is_refused_by_name() {
     }
     let mut a = Assembly::new("stuck");
     a.part("it", ball());
-    a.join(Join::new("weld", Kind::Fixed, WORLD, "it"));
+    a.join(JointSpec::new("weld", JointKind::Fixed, WORLD, "it"));
     says(&refusal(a.model()), &["'stuck'", "fixed to the world"]);
     says(&refusal(Assembly::new("nothing").model()), &["'nothing'", "number of parts"]);
     let mut a = Assembly::new("pole");
     a.part("drone", Solid::vehicle(&hummingbird()));
     a.part("flag", ball());
-    a.join(Join::new("weld", Kind::Fixed, WORLD, "drone"));
-    a.join(Join::new("hinge", Kind::Revolute(Z), "drone", "flag"));
+    a.join(JointSpec::new("weld", JointKind::Fixed, WORLD, "drone"));
+    a.join(JointSpec::new("hinge", JointKind::Revolute(Z), "drone", "flag"));
     says(&refusal(a.model()), &["part 'drone'", "rotors"]);
 }
 

@@ -227,7 +227,7 @@ fn tilting_omav_with_its_tilts_at_zero_is_the_rigid_one() {
 
 #[test]
 fn gate_swings_at_the_published_rate_and_has_the_published_opening() {
-    let robot = Gate::default().build().unwrap();
+    let robot = SlidingGate::default().build().unwrap();
     let (system, mut x) = at_rest(&robot.model);
     assert_eq!(x.len(), 2);
     x[0] = 0.1;
@@ -237,7 +237,7 @@ fn gate_swings_at_the_published_rate_and_has_the_published_opening() {
     let uprights: Vec<f64> = robot.model.shapes()[..2].iter().map(|s| s.shape.position[1]).collect();
     assert!((uprights[0] - 0.66).abs() < 1e-15 && (uprights[1] + 0.66).abs() < 1e-15);
     let turned = omnidrones::dynamics::assembly::Placement::from([3.0, 0.0, 2.0]).turned([0.0, 0.0, 1.0], PI / 2.0);
-    let robot = Gate { place: turned, ..Gate::default() }.build().unwrap();
+    let robot = SlidingGate { place: turned, ..SlidingGate::default() }.build().unwrap();
     let (system, mut x) = at_rest(&robot.model);
     x[0] = 1.0;
     let moved = Vector3::from(body_poses(&system, &x)[robot.map.frame].position);
@@ -257,7 +257,7 @@ fn parameters_that_make_no_sense_are_refused_by_name() {
     assert!(text.contains("joint 'tilt_0'") && text.contains("max_torque"), "{text}");
     let text = refusal(Omav { vehicle: firefly(), ..Omav::default() }.build().map(|c| c.model));
     assert!(text.contains("tilt_unit_0"), "{text}");
-    let text = refusal(Gate { scale: 0.0, ..Gate::default() }.build().map(|c| c.model));
+    let text = refusal(SlidingGate { scale: 0.0, ..SlidingGate::default() }.build().map(|c| c.model));
     assert!(text.contains("gate: scale"), "{text}");
 }
 

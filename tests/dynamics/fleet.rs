@@ -1,7 +1,7 @@
 //! Several vehicles in each other's downwash.
 
 use crate::common::measure::larger;
-use omnidrones::autodiff::{Bounds, System, certify, linearise};
+use omnidrones::autodiff::{CertificateBounds, System, certify, linearise};
 use omnidrones::dynamics::{Downwash, Effects, Fleet, GRAVITY, Multirotor, Physics, vehicles};
 
 const N: usize = 17;
@@ -106,7 +106,7 @@ fn the_gradient_certificate_holds_for_three_drones_of_each_kind_in_each_others_w
                 u.extend(crate::common::input(vehicle, &physics, &mut r));
             }
             let c = certify(&fleet, &x, &u, &[]).unwrap();
-            assert!(c.holds(Bounds::default()), "{} {integrator:?}: {c}", vehicle.name);
+            assert!(c.holds(CertificateBounds::default()), "{} {integrator:?}: {c}", vehicle.name);
             worst.0 = worst.0.max(c.adjoint_error);
             worst.1 = worst.1.max(c.difference_error);
             worst.2 = worst.2.max(c.taylor_order.map_or(0.0, |order| (order - 2.0).abs()));

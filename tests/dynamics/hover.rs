@@ -5,7 +5,7 @@ use nalgebra::{DVector, Vector3};
 use omnidrones::autodiff::System;
 use omnidrones::dynamics::assembly::single;
 use omnidrones::dynamics::spatial::{Quat, from_euler, multiply, rotate};
-use omnidrones::dynamics::{GRAVITY, Hover, Multirotor, Physics, Plant, Vehicle, vehicles};
+use omnidrones::dynamics::{GRAVITY, HoverTrim, Multirotor, Physics, Plant, Vehicle, vehicles};
 
 /// A right angle as files write it, rad.
 #[allow(clippy::approx_constant)]
@@ -25,7 +25,7 @@ fn weight_of(vehicle: &Vehicle) -> f64 {
 }
 
 /// Force and moment left in hover, as shares of the weight (moments over 1 m), computed from the thrusts anew.
-fn left(vehicle: &Vehicle, hover: &Hover) -> f64 {
+fn left(vehicle: &Vehicle, hover: &HoverTrim) -> f64 {
     let weight = weight_of(vehicle);
     let wrench = vehicle.allocation_matrix() * DVector::from_column_slice(&hover.thrusts);
     let force = rotate(hover.attitude, [wrench[0], wrench[1], wrench[2]]);

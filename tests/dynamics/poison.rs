@@ -1,6 +1,6 @@
 //! How environments are ruined in tests of containment.
 
-use omnidrones::dynamics::batch::Reason;
+use omnidrones::dynamics::batch::StopReason;
 
 /// Ways to ruin an environment, and what is reported.
 #[derive(Debug, Clone, Copy)]
@@ -17,7 +17,7 @@ pub enum Poison {
 impl Poison {
     pub const ALL: [Self; 4] = [Self::NanAction, Self::HugeState, Self::StiffParameters, Self::Push];
 
-    pub fn reason(self) -> Reason {
-        if matches!(self, Self::NanAction) { Reason::NonFiniteAction } else { Reason::Diverged }
+    pub fn reason(self) -> StopReason {
+        if matches!(self, Self::NanAction) { StopReason::NonFiniteAction } else { StopReason::Diverged }
     }
 }

@@ -1,11 +1,11 @@
 //! Ground that is not level.
 
 use num_dual::Dual64;
-use omnidrones::dynamics::{Relief, Wave};
+use omnidrones::dynamics::{GroundWave, UnevenGround};
 
-fn hills() -> Relief {
-    let wave = |amplitude, number, phase| Wave { amplitude, number, phase };
-    Relief { slope: [0.1, -0.05], waves: vec![wave(0.2, [0.8, 0.3], 0.4), wave(0.05, [-1.1, 2.0], 2.0)] }
+fn hills() -> UnevenGround {
+    let wave = |amplitude, number, phase| GroundWave { amplitude, number, phase };
+    UnevenGround { slope: [0.1, -0.05], waves: vec![wave(0.2, [0.8, 0.3], 0.4), wave(0.05, [-1.1, 2.0], 2.0)] }
 }
 
 #[test]
@@ -24,7 +24,7 @@ fn slopes_are_the_derivatives_of_the_rise() {
 
 #[test]
 fn the_distance_to_a_slope_is_exact_and_that_to_hills_is_close_near_them() {
-    let slope = Relief::inclined(0.3);
+    let slope = UnevenGround::inclined(0.3);
     let (d, n) = slope.surface([1.0, 2.0, 1.0 * 0.3_f64.tan() + 0.5], 0.0);
     assert!((d - 0.5 * 0.3_f64.cos()).abs() < 1e-15 && (n[0] + 0.3_f64.sin()).abs() < 1e-15, "{d} {n:?}");
     let relief = hills();

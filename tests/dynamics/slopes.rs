@@ -1,10 +1,12 @@
 //! Claims about slopes of readings: those of differences, and refused where nobody carries them.
 
 use omnidrones::dynamics::scene::Scene;
-use omnidrones::dynamics::sensors::cast::World;
-use omnidrones::dynamics::sensors::{Eyes, KINDS, Sensor, SensorConfig, Sight, Slope, Truth};
+use omnidrones::dynamics::sensors::cast::RayScene;
+use omnidrones::dynamics::sensors::{
+    GroundTruth, KINDS, RangeJacobian, RayScratch, Sensor, SensorConfig, SensorContext,
+};
 use omnidrones::dynamics::spatial::{Quat, Vec3, add, exponential, multiply};
-use omnidrones::dynamics::{Frame, Relief, Wave};
+use omnidrones::dynamics::{Frame, GroundWave, UnevenGround};
 use omnidrones::rng::{Purpose, Stream};
 
 fn config(text: &str) -> SensorConfig {
@@ -12,32 +14,32 @@ fn config(text: &str) -> SensorConfig {
 }
 
 /// Ground, a wall, a ball and a trunk, all large: readings are smooth over centimetres.
-fn room() -> World {
+fn room() -> RayScene {
     let text = "ground = 0.0\n\
         [[obstacles]]\nname = 'wall'\nshape = { geometry = { box = { size = [0.2, 9, 9] } }, position = [5, 0, 3], \
         rotation = [0.9689124, 0, 0, 0.2474040] }\n\
         [[obstacles]]\nname = 'ball'\nshape = { geometry = { sphere = { radius = 1.0 } }, position = [-2.5, 0.5, 2] }\n\
         [[obstacles]]\nname = 'trunk'\nshape = { geometry = { capsule = { radius = 0.6, length = 8.0 } }, position = [0.5, 3, 2] }\n";
     let scene: Scene = toml::from_str(text).unwrap_or_else(|e| panic!("{e}\n{text}"));
-    let mut world = World::default();
+    let mut world = RayScene::default();
     world.fill(&scene, &scene.nominal_placement()).unwrap();
     world
 }
 
 /// The same on a slope with waves.
-fn hills() -> World {
+fn hills() -> RayScene {
     let mut scene = Scene::grounded();
-    let wave = Wave { amplitude: 0.15, number: [0.9, 0.5], phase: 0.4 };
-    scene.relief = Some(Relief { slope: [0.3, -0.2], waves: vec![wave] });
-    let mut world = World::default();
+    let wave = GroundWave { amplitude: 0.15, number: [0.9, 0.5], phase: 0.4 };
+    scene.relief = Some(UnevenGround { slope: [0.3, -0.2], waves: vec![wave] });
+    let mut world = RayScene::default();
     world.fill(&scene, &scene.nominal_placement()).unwrap();
     world
 }
 
 struct Looking {
     sensor: Sensor,
-    world: World,
-    eyes: Eyes,
+    world: RayScene,
+    eyes: RayScratch,
 }
 
 impl Looking {
@@ -45,8 +47,8 @@ impl Looking {
     fn at(&mut self, position: Vec3<f64>, attitude: Quat<f64>) -> Vec<f64> {
         let frame = Frame { position, velocity: [0.0; 3], attitude, angular_velocity: [0.0; 3] };
         self.sensor.reset(3, 1, 4);
-        let truth = Truth::at(&frame, [0.0; 3], [0.0; 3], 9.81);
-        self.sensor.step(&truth, &mut Sight::new(&mut self.world, &[], &mut self.eyes)).to_vec()
+        let truth = GroundTruth::at(&frame, [0.0; 3], [0.0; 3], 9.81);
+        self.sensor.step(&truth, &mut SensorContext::new(&mut self.world, &[], &mut self.eyes)).to_vec()
     }
 
     /// Differences of fourth order along one of six axes; NaN where the reading is not smooth within two steps.
@@ -101,7 +103,7 @@ fn slopes_of_readings_are_those_of_differences_off_silhouettes() {
     ] {
         let sensor = Sensor::new(&config(&text), 0.01, &["drone".into()]).unwrap();
         let world = if what.ends_with("hills") { hills() } else { room() };
-        let mut looking = Looking { sensor, world, eyes: Eyes::default() };
+        let mut looking = Looking { sensor, world, eyes: RayScratch::default() };
         let mut draws = Stream::new(7, 0, 0, Purpose::LEARNING);
         let (mut worst, mut compared, mut sloped) = (0.0_f64, 0, 0);
         for _ in 0..if cfg!(miri) { 1 } else { 12 } {
@@ -133,7 +135,7 @@ fn slopes_of_readings_are_those_of_differences_off_silhouettes() {
     }
 }
 
-fn numbers(slope: &Slope) -> [f64; 6] {
+fn numbers(slope: &RangeJacobian) -> [f64; 6] {
     let ([a, b, c], [d, e, f]) = (slope.position, slope.attitude);
     [a, b, c, d, e, f]
 }
@@ -143,7 +145,7 @@ fn what_is_lost_clipped_or_out_of_range_has_no_slope_and_rounding_is_taken_for_t
     let level = [1.0, 0.0, 0.0, 0.0];
     let look = |text: &str| {
         let sensor = Sensor::new(&config(&format!("gradient = 'pose'\n{text}")), 0.01, &["drone".into()]).unwrap();
-        let mut looking = Looking { sensor, world: World::default(), eyes: Eyes::default() };
+        let mut looking = Looking { sensor, world: RayScene::default(), eyes: RayScratch::default() };
         looking.world.fill(&Scene::grounded(), &[]).unwrap();
         let read = looking.at([0.0, 0.0, 2.0], level);
         (read, looking.sensor.slopes().iter().map(|slope| slope.position[2]).collect::<Vec<_>>())
@@ -167,18 +169,18 @@ fn slopes_are_told_only_where_they_are_asked_for_and_change_no_reading() {
     let lidar = "kind = 'lidar'\nbeams = 24\nelevations = [-0.5]\nnoise = [0.01, 0, 0]";
     let read = |text: &str, without: bool| {
         let mut sensor = Sensor::new(&config(text), 0.01, &["drone".into()]).unwrap();
-        let (mut world, mut eyes) = (room(), Eyes::default());
+        let (mut world, mut eyes) = (room(), RayScratch::default());
         let frame = Frame {
             position: [0.0, 0.0, 1.0],
             velocity: [0.0; 3],
             attitude: [1.0, 0.0, 0.0, 0.0],
             angular_velocity: [0.0; 3],
         };
-        let mut sight = Sight::new(&mut world, &[], &mut eyes);
+        let mut sight = SensorContext::new(&mut world, &[], &mut eyes);
         if without {
             sight = sight.without_slopes();
         }
-        let reading = sensor.step(&Truth::at(&frame, [0.0; 3], [0.0; 3], 9.81), &mut sight).to_vec();
+        let reading = sensor.step(&GroundTruth::at(&frame, [0.0; 3], [0.0; 3], 9.81), &mut sight).to_vec();
         (reading, sensor.slopes().to_vec())
     };
     let (plain, none) = read(lidar, false);
@@ -186,8 +188,8 @@ fn slopes_are_told_only_where_they_are_asked_for_and_change_no_reading() {
     let (same, slopes) = read(&asked, false);
     let (still, noughts) = read(&asked, true);
     assert!(plain == same && plain == still);
-    assert!(none.is_empty() && slopes.len() == 24 && slopes.iter().any(|slope| *slope != Slope::default()));
-    assert!(noughts.iter().all(|slope| *slope == Slope::default()));
+    assert!(none.is_empty() && slopes.len() == 24 && slopes.iter().any(|slope| *slope != RangeJacobian::default()));
+    assert!(noughts.iter().all(|slope| *slope == RangeJacobian::default()));
 }
 
 #[test]

@@ -8,7 +8,7 @@ use crate::common::relative;
 use crate::common::tree::{everything, stream};
 use crate::poison::Poison;
 use omnidrones::autodiff::System;
-use omnidrones::dynamics::batch::{Reason, Stopped};
+use omnidrones::dynamics::batch::{StopReason, Stopped};
 use omnidrones::dynamics::configurations::{Dragon, Payload, REGISTRY, Transport};
 use omnidrones::dynamics::tree::{Model, ModelParts, Motion, Multibody};
 use omnidrones::dynamics::{Disturbance, Effects, Inertia, Part, Physics, World, vehicles};
@@ -379,7 +379,7 @@ fn steps_of_a_tenth_of_a_second_are_contained_however_stiff_the_joints() {
             world.step(&script.actions(&all, world.n_action(), step)).unwrap();
             assert_contained(&world, &format!("{}, step {step}", script.name));
         }
-        assert!(world.failures().iter().all(|f| f.reason == Reason::Diverged), "{}", script.name);
+        assert!(world.failures().iter().all(|f| f.reason == StopReason::Diverged), "{}", script.name);
         blame.extend(world.failures().iter().map(|f| blamed(&world, f, &script.model)));
         diverged += world.failures().len();
         if let Some(first) = world.failures().first().map(|f| f.environment) {
@@ -507,9 +507,9 @@ fn soak(name: &str, model: &Model, physics: Physics) -> usize {
     }
     for failure in failed {
         let told_nan = failure.environment % 16 == 15;
-        assert!(told_nan || failure.reason == Reason::Diverged, "{name}: {failure:?}");
+        assert!(told_nan || failure.reason == StopReason::Diverged, "{name}: {failure:?}");
     }
-    let diverged = |world: &World| world.failures().iter().filter(|f| f.reason == Reason::Diverged).count();
+    let diverged = |world: &World| world.failures().iter().filter(|f| f.reason == StopReason::Diverged).count();
     println!("{name}: {} diverged among hostile, {} among random", diverged(&hostile), diverged(&clean));
     diverged(&hostile).max(diverged(&clean))
 }

@@ -19,7 +19,7 @@ use omnidrones::rl::shac::{Shac, ShacConfig};
 use omnidrones::rl::td3::{ActionNoise, Td3, Td3Config};
 use omnidrones::rl::{Learner, Policy, TrainConfig};
 use omnidrones::rng::{Purpose, Stream};
-use omnidrones::tasks::{Autoreset, Baseline, Buffers, Env, EnvConfig, Stage, evaluate};
+use omnidrones::tasks::{Autoreset, Baseline, Buffers, Env, EnvConfig, ObservationTransform, evaluate};
 use std::time::{Duration, Instant};
 
 const HOVER: &str = "Hover";
@@ -102,9 +102,9 @@ fn taught(env: &EnvConfig, threads: Threads) -> Dagger {
         network: reads("past", vec![12, 3]),
         ..DaggerConfig::default()
     };
-    let own = EnvConfig { observation: vec![Stage::History { steps: 3 }], ..env.clone() };
+    let own = EnvConfig { observation: vec![ObservationTransform::History { steps: 3 }], ..env.clone() };
     let mut student = Dagger::with(&make, &own, config, 3, threads).unwrap();
-    let seen = EnvConfig { n_env: 1, observation: vec![Stage::Privileged {}], ..env.clone() };
+    let seen = EnvConfig { n_env: 1, observation: vec![ObservationTransform::Privileged {}], ..env.clone() };
     let of = make(&seen).unwrap().spec().clone();
     let actor = Actor::new(&of, &reads("parameters", vec![8, 3]), true).unwrap();
     let mut weights = actor.mlp.init(&mut Stream::new(9, 0, 0, Purpose::LEARNING));

@@ -8,7 +8,7 @@ use omnidrones::rl::checkpoint::Tensors;
 use omnidrones::rl::nn::{Encoder, Filter, Layers, Recurrence};
 use omnidrones::rl::ppo::{Ppo, PpoConfig};
 use omnidrones::rl::schedule::Schedule;
-use omnidrones::tasks::{Autoreset, Evaluation, GroupKind, Layout, evaluate};
+use omnidrones::tasks::{Autoreset, Evaluation, FieldLayout, GroupKind, evaluate};
 
 /// A vehicle in free space whose rotors tell numbers.
 fn teller(config: &EnvConfig) -> Result<Robot> {
@@ -189,7 +189,7 @@ fn an_image_is_a_group_of_the_observation() {
     let spec = make_bright(&EnvConfig::default()).unwrap().spec().clone();
     let picture = spec.group("picture").unwrap();
     assert_eq!((picture.kind, picture.columns, picture.shape), (GroupKind::Image, 0..SIDE * SIDE, vec![SIDE, SIDE, 1]));
-    assert_eq!(spec.observation[0].layout, Layout::Image { height: SIDE, width: SIDE, channels: 1 });
+    assert_eq!(spec.observation[0].layout, FieldLayout::Image { height: SIDE, width: SIDE, channels: 1 });
     let again = omnidrones::tasks::Spec::from_json(&spec.to_json()).unwrap();
     assert_eq!(again.observation, spec.observation);
 }

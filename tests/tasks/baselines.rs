@@ -40,7 +40,7 @@ const CLAIMS: &[(&str, Claim)] = &[
     ("Formation", Survives(0.85, "starts as low as 0.6 m, tilted by up to 50°, in each other's wake")),
 ];
 
-fn flown(entry: &registry::Entry, n_env: usize, task: &str) -> Option<(String, Evaluation)> {
+fn flown(entry: &registry::TaskEntry, n_env: usize, task: &str) -> Option<(String, Evaluation)> {
     let task = task.parse().unwrap();
     let config = EnvConfig { n_env, autoreset: Autoreset::Disabled, task, ..EnvConfig::default() };
     let mut env = entry.env(&config).unwrap();

@@ -144,7 +144,12 @@ fn part(out: &Buffers, spec: &Spec, first: usize, n: usize) -> Buffers {
 
 /// Batches that differ in their threads alone, stepped side by side: the same arrays in every step, the same bytes behind the
 /// last. Gives the first of them.
-fn threads_change_no_bit(entry: &registry::Entry, base: &EnvConfig, steps: u64, threads: &[usize]) -> (Env, Buffers) {
+fn threads_change_no_bit(
+    entry: &registry::TaskEntry,
+    base: &EnvConfig,
+    steps: u64,
+    threads: &[usize],
+) -> (Env, Buffers) {
     let batch = |threads: &usize| {
         let mut env = entry.env(base).unwrap();
         env.set_threads(Threads::new(*threads).unwrap());

@@ -5,7 +5,9 @@ use crate::{config, everywhere};
 use omnidrones::error::Error;
 use omnidrones::parallel::Threads;
 use omnidrones::rng::{Purpose, Stream};
-use omnidrones::tasks::{Adjoint, Autoreset, Buffers, Cotangents, Env, EnvConfig, Stage, Sweep, SweepOptions, Tape};
+use omnidrones::tasks::{
+    Adjoint, Autoreset, Buffers, Cotangents, Env, EnvConfig, ObservationTransform, Sweep, SweepOptions, Tape,
+};
 
 /// Steps with mild random actions, so that states are off their start.
 fn warm_up(env: &mut Env, out: &mut Buffers, steps: usize) -> Vec<f32> {
@@ -429,7 +431,7 @@ fn no_gradient_crosses_what_the_caller_moved() {
 
 #[test]
 fn an_adjoint_outlives_the_statistics_of_its_normaliser() {
-    let stages = vec![Stage::History { steps: 2 }, Stage::Normalise { clip: 10.0 }];
+    let stages = vec![ObservationTransform::History { steps: 2 }, ObservationTransform::Normalise { clip: 10.0 }];
     let mut env = Env::make("Hover", &EnvConfig { observation: stages, ..config(70, 400) }).unwrap();
     let early = env.adjoint(false).unwrap();
     let mut out = Buffers::new(env.spec());

@@ -1,7 +1,7 @@
 //! Race: what a passage is, how it ends, and that sensors see the gates where they stand.
 
 use omnidrones::dynamics::scene::Scene;
-use omnidrones::dynamics::sensors::cast::{Caster, Range, Rays, World};
+use omnidrones::dynamics::sensors::cast::{RangeLimits, RayCaster, RayScene, Rays};
 use omnidrones::dynamics::shape::Pose;
 use omnidrones::tasks::{Autoreset, Baseline, Buffers, Env, EnvConfig, evaluate};
 
@@ -120,13 +120,13 @@ fn a_lidar_and_a_camera_see_the_gates_where_the_goal_says_that_they_stand() {
     let (lidar, width) = (env.spec().group("lidar").unwrap().columns.clone(), env.spec().n_observation);
     assert_eq!(env.spec().group("depth").unwrap().shape[..2], [16, 16]);
     let elevations = [-10.0_f64, 0.0, 10.0, 20.0].map(f64::to_radians);
-    let rays = Rays::lidar(36, &elevations, Range { least: 0.0, most: 4.0 }).unwrap();
+    let rays = Rays::lidar(36, &elevations, RangeLimits { least: 0.0, most: 4.0 }).unwrap();
     let yaws = [0.0_f64, -15.0, 225.0, 180.0, 0.0, 85.0, 195.0].map(f64::to_radians);
-    let (mut caster, mut ranges, mut ids) = (Caster::new(), vec![0.0; 144], vec![0; 144]);
+    let (mut caster, mut ranges, mut ids) = (RayCaster::new(), vec![0.0; 144], vec![0; 144]);
     let mut seen = 0;
     for i in 0..16 {
         let (state, goal) = (env.state(i).unwrap(), env.goal(i).unwrap());
-        let mut world = World::default();
+        let mut world = RayScene::default();
         world.fill(&Scene::grounded(), &[]).unwrap();
         for (at, yaw) in goal.chunks_exact(3).zip(yaws) {
             let corner = |y: f64, z: f64| {

@@ -4,7 +4,7 @@ use crate::{config, count, everywhere};
 use omnidrones::error::{Error, Result};
 use omnidrones::parallel::Threads;
 use omnidrones::rng::{Purpose, Stream};
-use omnidrones::tasks::{ActionSpace, Autoreset, Buffers, Domain, Env, EnvConfig, registry};
+use omnidrones::tasks::{ActionSpace, Autoreset, Buffers, Env, EnvConfig, SettingDomain, registry};
 use std::time::Instant;
 
 /// A number that no careful agent sends.
@@ -79,7 +79,7 @@ fn every_task_steps_on_the_two_mebibytes_of_stack_that_a_test_has() {
 
 /// Lowest reward, highest loss and share of episodes that diverged in `steps` steps of `n` environments: a quarter each of
 /// random actions, extremes drawn for every step, extremes held for 20 steps on average, and extremes held for an episode.
-fn extremes(entry: &registry::Entry, n: usize, steps: usize) -> (f32, f32, f32) {
+fn extremes(entry: &registry::TaskEntry, n: usize, steps: usize) -> (f32, f32, f32) {
     let mut env = entry.env(&EnvConfig { n_env: n, ..EnvConfig::default() }).unwrap();
     let spec = env.spec().clone();
     let mut out = Buffers::new(&spec);
@@ -260,7 +260,7 @@ impl Poison {
 
 /// Batches beside each other, the first whole; in each other one a random environment is broken in a random step. No bit of
 /// the rest differs, and what diverged ends in that step and says so.
-fn ends_alone(entry: &registry::Entry, n: usize, stream: &mut Stream) {
+fn ends_alone(entry: &registry::TaskEntry, n: usize, stream: &mut Stream) {
     let (victim, when) = (stream.below(n as u64) as usize, stream.below(10));
     let mut all: Vec<(Option<Poison>, Env, Buffers)> = [None]
         .into_iter()
@@ -438,7 +438,7 @@ fn settings_that_are_no_such_numbers_are_refused_with_their_key() {
         let env = entry.env(&EnvConfig { n_env: 1, ..EnvConfig::default() }).unwrap();
         let usual = began.elapsed().as_millis();
         for setting in &env.task_spec().settings {
-            let any = [Domain::Any, Domain::Ordered].contains(&setting.domain);
+            let any = [SettingDomain::Any, SettingDomain::Ordered].contains(&setting.domain);
             let whole = setting.default.is_integer();
             for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, -1.0] {
                 if any && !whole && bad == -1.0 {

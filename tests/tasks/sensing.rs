@@ -1,7 +1,7 @@
 //! Sensors that agents of a batch carry.
 
 use omnidrones::dynamics::scene::Scene;
-use omnidrones::dynamics::sensors::cast::{Caster, Range, Rays, World};
+use omnidrones::dynamics::sensors::cast::{RangeLimits, RayCaster, RayScene, Rays};
 use omnidrones::dynamics::shape::Pose;
 use omnidrones::parallel::Threads;
 use omnidrones::rng::{Purpose, Stream};
@@ -85,12 +85,12 @@ fn a_forest_is_seen_where_its_goal_says_that_it_stands() {
     let group = env.spec().group("lidar").unwrap();
     assert_eq!((group.kind, &group.shape[..]), (GroupKind::Lidar, &[36, 4][..]));
     let elevations = [-10.0_f64, 0.0, 10.0, 20.0].map(f64::to_radians);
-    let rays = Rays::lidar(36, &elevations, Range { least: 0.0, most: 4.0 }).unwrap();
-    let (mut caster, mut ranges, mut ids) = (Caster::new(), vec![0.0; 144], vec![0; 144]);
+    let rays = Rays::lidar(36, &elevations, RangeLimits { least: 0.0, most: 4.0 }).unwrap();
+    let (mut caster, mut ranges, mut ids) = (RayCaster::new(), vec![0.0; 144], vec![0; 144]);
     let mut seen = 0;
     for i in 0..5 {
         let (state, goal) = (env.state(i).unwrap(), env.goal(i).unwrap());
-        let mut world = World::default();
+        let mut world = RayScene::default();
         world.fill(&Scene::grounded(), &[]).unwrap();
         // the radius of a trunk is the same in all episodes: found from the nearest beam that meets it
         let pose = Pose {

@@ -16,7 +16,7 @@ use omnidrones::rl::replay::ReplayConfig;
 use omnidrones::rl::sac::SacConfig;
 use omnidrones::rl::shac::{Shac, ShacConfig};
 use omnidrones::rng::{Purpose, Stream};
-use omnidrones::tasks::{ActionSpace, Autoreset, Delay, Env, EnvConfig, Stage};
+use omnidrones::tasks::{ActionSpace, Autoreset, Delay, Env, EnvConfig, ObservationTransform};
 
 /// Bytes that a batch may take.
 const LIMIT: u64 = 1 << 22;
@@ -50,7 +50,7 @@ impl Sizes {
         config.task.insert("horizon".into(), horizon.into());
         match self.0.below(5) {
             0 => config.delay = Delay { min: self.next(), max: self.next() },
-            1 => config.observation = (0..3).map(|_| Stage::History { steps: self.next() }).collect(),
+            1 => config.observation = (0..3).map(|_| ObservationTransform::History { steps: self.next() }).collect(),
             2 => config.actions = ActionSpace::MultiDiscrete { levels: self.next() },
             3 => (config.substeps, config.control_rate) = (self.next(), self.next()),
             _ => (config.first_environment, config.seed) = (self.next() as u64, self.next() as u64),

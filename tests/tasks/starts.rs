@@ -3,7 +3,9 @@
 use omnidrones::autodiff::{Array, Mask, Scalar, Trace, TraceMask};
 use omnidrones::error::Result;
 use omnidrones::rng::{Purpose, Stream};
-use omnidrones::tasks::{Buffers, Draw, Drawn, Ends, Env, EnvConfig, HostStart, Robot, Start, Task, View, Writer};
+use omnidrones::tasks::{
+    Buffers, Draw, Ends, Env, EnvConfig, HostStart, Robot, Start, StartScalar, Task, View, Writer,
+};
 
 /// Draws before, in and behind a part that is drawn again, all from one stream; then an event that draws likewise.
 struct Drawing {
@@ -12,7 +14,7 @@ struct Drawing {
 }
 
 /// Of a task with a goal of seven numbers and an event every few steps.
-fn begin<S: Drawn>(start: &mut Start<'_, S>) {
+fn begin<S: StartScalar>(start: &mut Start<'_, S>) {
     let before = start.task.uniform(-1.0, 1.0);
     let (moves, share) = start.task.sometimes(0.3, Draw::Unit);
     let once = start.once.below(10);
@@ -36,7 +38,7 @@ fn begin<S: Drawn>(start: &mut Start<'_, S>) {
     start.event_at = S::select(kind.lt(S::from(0.2)), never, wait);
 }
 
-fn jump<S: Drawn>(start: &mut Start<'_, S>) {
+fn jump<S: StartScalar>(start: &mut Start<'_, S>) {
     start.again(3, |start| {
         start.goal[5] = start.reset.normal();
         start.goal[5].lt(S::zero())
@@ -245,7 +247,7 @@ struct Counting {
     on_host: bool,
 }
 
-fn count<S: Drawn>(start: &mut Start<'_, S>) {
+fn count<S: StartScalar>(start: &mut Start<'_, S>) {
     start.goal[0] += S::one();
     start.task_state[0] += S::one();
     start.event_at += S::one();

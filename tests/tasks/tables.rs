@@ -2,7 +2,7 @@
 
 use omnidrones::layers::Layer;
 use omnidrones::tasks::registry::{REGISTRY, by_name};
-use omnidrones::tasks::{Autoreset, Baseline, Env, EnvConfig, Success, Watched, evaluate};
+use omnidrones::tasks::{Autoreset, Baseline, Env, EnvConfig, EvaluationStep, Success, evaluate};
 
 fn one(name: &str) -> Env {
     Env::make(name, &EnvConfig { n_env: 1, ..EnvConfig::default() }).unwrap()
@@ -100,7 +100,7 @@ fn success_is_what_it_is_said_to_be() {
         // steps in a row with all limits kept, and since one that is too near to tell
         let (mut row, mut clear) = ([0; N], [hold; N]);
         let (mut before, mut seen) = ([false; N], [false; 2]);
-        let mut watch = |watched: &Watched<'_>| {
+        let mut watch = |watched: &EvaluationStep<'_>| {
             let told = |i: usize, name: &str| {
                 f64::from(watched.out.info[i * spec.info.len() + spec.info_column(name).unwrap()])
             };

@@ -2,7 +2,7 @@
 
 use crate::config;
 use omnidrones::rng::{Purpose, Stream};
-use omnidrones::tasks::{Buffers, Change, Distribution, Env, EnvConfig, Quantity};
+use omnidrones::tasks::{Buffers, Distribution, Env, EnvConfig, Randomisation, RandomisedQuantity};
 
 fn stepped(mut env: Env, steps: usize) -> (Env, Buffers) {
     let mut out = Buffers::new(env.spec());
@@ -17,7 +17,7 @@ fn stepped(mut env: Env, steps: usize) -> (Env, Buffers) {
 
 /// Masses over nominal ones in 4 000 first episodes.
 fn masses(distribution: Distribution, difficulty: f64) -> Vec<f64> {
-    let change = Change { distribution, ..Change::scale(Quantity::Mass, 0.5, 2.0) };
+    let change = Randomisation { distribution, ..Randomisation::scale(RandomisedQuantity::Mass, 0.5, 2.0) };
     let config = EnvConfig { n_env: 4000, randomise: Some(vec![change]), ..EnvConfig::default() };
     let mut env = Env::make("Hover", &config).unwrap();
     env.set_difficulty(difficulty).unwrap();
@@ -61,7 +61,7 @@ fn difficulty_takes_its_share_of_every_change() {
 
 #[test]
 fn difficulty_is_part_of_the_saved_state() {
-    let change = Change::scale(Quantity::Mass, 0.5, 2.0);
+    let change = Randomisation::scale(RandomisedQuantity::Mass, 0.5, 2.0);
     let config = EnvConfig { randomise: Some(vec![change]), ..config(64, 10) };
     let (mut env, _) = stepped(Env::make("Hover", &config).unwrap(), 3);
     env.set_difficulty(0.25).unwrap();

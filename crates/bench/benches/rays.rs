@@ -11,7 +11,7 @@
 //! distances are ours within 1 cm.
 
 use omnidrones::dynamics::scene::{Obstacle, Scene};
-use omnidrones::dynamics::sensors::cast::{Camera, Caster, Range, Rays, World};
+use omnidrones::dynamics::sensors::cast::{PinholeCamera, RangeLimits, RayCaster, RayScene, Rays};
 use omnidrones::dynamics::shape::{Geometry, Pose, Shape};
 use omnidrones::dynamics::spatial::exponential;
 use omnidrones::error::{Error, Result};
@@ -89,12 +89,12 @@ const WHAT: [&str; 2] = ["image", "scan"];
 fn ours(name: &'static str, side: f64) -> Result<(Told, [f64; 2])> {
     let mut r = Stream::new(1, 0, 0, Purpose(0));
     let (scene, capsules, boxes) = forest(&mut r, side);
-    let mut world = World::default();
+    let mut world = RayScene::default();
     world.fill(&scene, &scene.nominal_placement())?;
-    let mut caster = Caster::new();
+    let mut caster = RayCaster::new();
     let eyes = eyes(&mut r, side, &scene);
-    let range = |k: usize| Range { least: 0.0, most: FARTHEST[k] };
-    let camera = Camera::new(SIZE[0], SIZE[1], FIELD_OF_VIEW, range(0))?;
+    let range = |k: usize| RangeLimits { least: 0.0, most: FARTHEST[k] };
+    let camera = PinholeCamera::new(SIZE[0], SIZE[1], FIELD_OF_VIEW, range(0))?;
     let rays = Rays::lidar(BEAMS, &ELEVATIONS, range(1))?;
     let n = [SIZE[0] * SIZE[1], rays.n_ray()];
     let mut distances = n.map(|n| vec![0.0; n * eyes.len()]);

@@ -3,10 +3,10 @@
 use super::{BenchPlan, BenchRow, seconds};
 use omnidrones::autodiff::program::BLOCK;
 use omnidrones::autodiff::{Program, Recording, Scalar, Trace};
-use omnidrones::controllers::allocation::conic::Conic;
+use omnidrones::controllers::allocation::conic::ConicSolver;
 use omnidrones::controllers::allocation::problem::balanced_weights;
 use omnidrones::controllers::allocation::{
-    AllocationFunction, Allocator, BatchAllocator, Cone, Problem, Settings, Solver, Variation,
+    AllocationFunction, Allocator, AllocatorSettings, BatchAllocator, Cone, Problem, Solver, Variation,
 };
 use omnidrones::dynamics::vehicles;
 use omnidrones::error::Result;
@@ -66,7 +66,7 @@ fn ticks(problem: &Problem, spread: f64) -> Vec<[f64; 6]> {
 
 /// Seconds of clarabel's update and solve.
 fn clarabel(plan: &BenchPlan, problem: &Problem, wrenches: &[[f64; 6]]) -> Result<f64> {
-    let mut conic = Conic::new(problem)?;
+    let mut conic = ConicSolver::new(problem)?;
     let mut k = 0;
     Ok(seconds(plan.budget, || {
         k = (k + 1) % TICKS;
@@ -81,7 +81,8 @@ fn boxes(plan: &BenchPlan, problem: &Problem, conic: f64, add: &mut dyn FnMut(Be
         [("closed form", 0.02, true), ("active set, warm", 0.6, true), ("active set, cold", 0.6, false)]
     {
         let wrenches = ticks(problem, spread);
-        let mut allocator = Allocator::with_settings(problem.clone(), Settings { warm, ..Settings::default() })?;
+        let mut allocator =
+            Allocator::with_settings(problem.clone(), AllocatorSettings { warm, ..AllocatorSettings::default() })?;
         let mut k = 0;
         let forward = seconds(plan.budget, || {
             k = (k + 1) % TICKS;

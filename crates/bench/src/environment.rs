@@ -12,7 +12,7 @@ use omnidrones::error::{Error, Result};
 use omnidrones::internals::step_plant;
 use omnidrones::parallel::Threads;
 use omnidrones::rng::{Purpose, Stream};
-use omnidrones::tasks::registry::Entry;
+use omnidrones::tasks::registry::TaskEntry;
 use omnidrones::tasks::{Autoreset, Buffers, Env, EnvConfig, SingleEnv};
 use std::hint::black_box;
 use std::time::{Duration, Instant};
@@ -67,10 +67,10 @@ impl Case {
 /// restart in the same step; the rest stays.
 ///
 /// # Errors
-/// As [`Entry::env`], and [`Error::Limit`] for threads.
+/// As [`TaskEntry::env`], and [`Error::Limit`] for threads.
 pub fn run(
     plan: &BenchPlan,
-    entry: &Entry,
+    entry: &TaskEntry,
     config: &EnvConfig,
     cases: &[Case],
     sizes: &[usize],
@@ -103,7 +103,7 @@ pub fn run(
 /// One control level and integrator.
 fn group(
     plan: &BenchPlan,
-    entry: &Entry,
+    entry: &TaskEntry,
     config: &EnvConfig,
     name: &'static str,
     sizes: &[usize],
@@ -173,7 +173,7 @@ struct Batch {
 }
 
 impl Batch {
-    fn new(entry: &Entry, config: &EnvConfig, n_env: usize) -> Result<Self> {
+    fn new(entry: &TaskEntry, config: &EnvConfig, n_env: usize) -> Result<Self> {
         let mut env = entry.env(&EnvConfig { n_env, ..config.clone() })?;
         let mut out = Buffers::new(env.spec());
         env.reset(None, None, &mut out.out())?;
@@ -249,7 +249,7 @@ struct Alone {
 }
 
 impl Alone {
-    fn new(entry: &Entry, config: &EnvConfig) -> Result<Self> {
+    fn new(entry: &TaskEntry, config: &EnvConfig) -> Result<Self> {
         let mut env = SingleEnv::of(entry.env(&SingleEnv::one(config))?);
         env.env().set_threads(Threads::new(1)?);
         env.reset(0)?;

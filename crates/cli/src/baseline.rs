@@ -4,7 +4,7 @@ use crate::prelude::*;
 use omnidrones::controllers::cascade::Level;
 use omnidrones::parallel::Threads;
 use omnidrones::rl::TrainConfig;
-use omnidrones::tasks::registry::Entry;
+use omnidrones::tasks::registry::TaskEntry;
 use omnidrones::tasks::{Autoreset, Baseline, EnvConfig, Evaluation, Metric, Spec, evaluate};
 
 /// Most episodes that a controller flies for comparison: it is slower than a policy.
@@ -25,7 +25,7 @@ pub const FIGURES: [Figure; 7] = [
 ];
 
 /// What an environment of the run is like, and what the task's error is.
-pub fn spec(entry: &Entry, config: &TrainConfig) -> Result<(Spec, Metric)> {
+pub fn spec(entry: &TaskEntry, config: &TrainConfig) -> Result<(Spec, Metric)> {
     let env = entry.env(&EnvConfig { n_env: 1, ..config.seen_env() })?;
     let error = env.task_spec().metrics.first().cloned();
     Ok((env.spec().clone(), error.unwrap_or(Metric { name: "error".into(), unit: "–".into() })))
@@ -33,7 +33,7 @@ pub fn spec(entry: &Entry, config: &TrainConfig) -> Result<(Spec, Metric)> {
 
 /// The environments of a run's evaluations for one of our controllers, which acts on the rotors. One that stands beside a policy of
 /// velocities, say, which is asked a few times a second, is asked as often as a rotor must be, for as long.
-pub fn for_controller(entry: &Entry, config: &TrainConfig) -> EnvConfig {
+pub fn for_controller(entry: &TaskEntry, config: &TrainConfig) -> EnvConfig {
     let mut env = EnvConfig {
         n_env: config.evaluate.envs.min(MAX_COMPARED),
         seed: config.evaluate.seed,
@@ -57,7 +57,7 @@ pub fn for_controller(entry: &Entry, config: &TrainConfig) -> EnvConfig {
 }
 
 /// Our controller from the first of the same starts; none if there is no controller for the task.
-pub fn compare(entry: &Entry, config: &TrainConfig, threads: &Threads) -> Option<(String, Evaluation)> {
+pub fn compare(entry: &TaskEntry, config: &TrainConfig, threads: &Threads) -> Option<(String, Evaluation)> {
     let env = for_controller(entry, config);
     let slower = config.env.dt / env.dt;
     let mut env = entry.env(&env).ok()?;

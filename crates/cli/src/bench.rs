@@ -7,7 +7,7 @@ use crate::prelude::*;
 use omnidrones::autodiff::lane_width;
 use omnidrones::autodiff::native::instructions;
 use omnidrones::tasks::EnvConfig;
-use omnidrones::tasks::registry::{self, Entry};
+use omnidrones::tasks::registry::{self, TaskEntry};
 use omnidrones_bench::environment::{self, Case, SIZES};
 use omnidrones_bench::{BenchPlan, BenchRow, learning};
 use omnidrones_plot::{Bar, Bars, Colour, Figure};
@@ -136,7 +136,12 @@ pub fn run(a: &Arguments) -> Result<Report> {
 }
 
 /// Steps of a task's environments.
-fn measure(a: &Arguments, entry: &Entry, plan: &BenchPlan, tell: &mut dyn FnMut(&BenchRow)) -> Result<Vec<BenchRow>> {
+fn measure(
+    a: &Arguments,
+    entry: &TaskEntry,
+    plan: &BenchPlan,
+    tell: &mut dyn FnMut(&BenchRow),
+) -> Result<Vec<BenchRow>> {
     let config = a.environment.config(&EnvConfig::default(), Some(entry))?;
     let sizes = match a.envs {
         Some(n) => vec![n],
@@ -156,7 +161,7 @@ fn measure(a: &Arguments, entry: &Entry, plan: &BenchPlan, tell: &mut dyn FnMut(
 }
 
 /// Throughput by batch size, one colour per control level and integrator.
-fn task_figure(entry: &Entry, rows: &[BenchRow]) -> Figure {
+fn task_figure(entry: &TaskEntry, rows: &[BenchRow]) -> Figure {
     let mut bars =
         Bars::new("Whole steps: actions to observations, rewards, resets", "million environment steps per second");
     let mut groups: Vec<&str> = Vec::new();

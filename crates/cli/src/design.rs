@@ -13,9 +13,11 @@ use crate::prelude::*;
 use nalgebra::Complex;
 use omnidrones::controllers::cascade::Rates;
 use omnidrones::controllers::design::{
-    ErrorState, LoopMargins, LoopModel, Point, Robustness, Stability, Trim, TrimTarget, trim,
+    AnalysisPoint, ErrorState, LoopMargins, LoopModel, Robustness, Stability, Trim, TrimTarget, trim,
 };
-use omnidrones::controllers::linear::{DiskMargin, Hidden, Mode, ON_CIRCLE, Signal, StateSpace, modes, unreachable};
+use omnidrones::controllers::linear::{
+    DiskMargin, HiddenModes, Mode, ON_CIRCLE, Signal, StateSpace, modes, unreachable,
+};
 use omnidrones::controllers::reference::{Hover, Reference};
 use omnidrones::controllers::{ClosedLoop, Target};
 use omnidrones::dynamics::spatial::to_euler;
@@ -86,7 +88,7 @@ struct Findings {
     trim: Trim,
     plant: StateSpace,
     modes: Vec<Mode>,
-    hidden: Hidden,
+    hidden: HiddenModes,
     model: LoopModel,
     stability: Stability,
     rows: Vec<(String, LoopMargins)>,
@@ -230,7 +232,7 @@ fn findings(
         modes: modes(&linear)?,
         hidden: out_of_reach(&linear)?,
         stability,
-        all: if stable { Some(model.disk_margin(Point::Commands, 0.0)?) } else { None },
+        all: if stable { Some(model.disk_margin(AnalysisPoint::Commands, 0.0)?) } else { None },
         poles,
         plant: linear,
         trim,
@@ -252,10 +254,10 @@ fn shorter_lags(vehicle: &Vehicle) -> Option<Vehicle> {
 
 /// What the loop bears at every command and at the first dozen of measurements.
 fn margins(model: &LoopModel, quiet: bool) -> Result<Vec<(String, LoopMargins)>> {
-    let commands = (0..model.commands.len()).map(|i| (model.commands[i].name.clone(), Point::Command(i)));
-    let measured =
-        (0..model.measurements.len().min(12)).map(|i| (model.measurements[i].name.clone(), Point::Measurement(i)));
-    let all: Vec<(String, Point)> = commands.chain(measured).collect();
+    let commands = (0..model.commands.len()).map(|i| (model.commands[i].name.clone(), AnalysisPoint::Command(i)));
+    let measured = (0..model.measurements.len().min(12))
+        .map(|i| (model.measurements[i].name.clone(), AnalysisPoint::Measurement(i)));
+    let all: Vec<(String, AnalysisPoint)> = commands.chain(measured).collect();
     let bar = progress::bar(all.len() as u64, "margins", quiet);
     let rows = all.into_iter().map(|(name, point)| {
         let found = (name, model.margins(point)?);
@@ -313,7 +315,7 @@ fn failed(stability: &Stability) -> String {
 }
 
 /// What commands do not reach: gusts, which are inputs too, command nothing.
-pub fn out_of_reach(plant: &StateSpace) -> Result<Hidden> {
+pub fn out_of_reach(plant: &StateSpace) -> Result<HiddenModes> {
     let names = |signals: &[Signal]| signals.iter().map(|s| s.name.clone()).collect::<Vec<_>>();
     let (inputs, outputs) = (names(plant.inputs()), names(plant.outputs()));
     let commands: Vec<&str> = inputs.iter().map(String::as_str).filter(|name| is_command(name)).collect();
@@ -326,7 +328,7 @@ pub fn is_command(name: &str) -> bool {
 }
 
 /// What commands reach of the state, and which combinations they do not.
-pub fn reach(hidden: &Hidden, plant: &StateSpace) -> String {
+pub fn reach(hidden: &HiddenModes, plant: &StateSpace) -> String {
     let all = format!("commands reach {} of {} directions of the state", hidden.reached, plant.n_state());
     match hidden.names(plant.states()) {
         names if names.is_empty() => all,

@@ -9,9 +9,9 @@ use omnidrones::dynamics::{Integrator, vehicles};
 use omnidrones::layers::{self, Layer};
 use omnidrones::rl::TrainConfig;
 use omnidrones::tasks::config::TILTING;
-use omnidrones::tasks::randomise::{Action, Distribution, Time};
-use omnidrones::tasks::registry::{self, Entry};
-use omnidrones::tasks::{Change, Env, EnvConfig, Quantity, TaskSpec};
+use omnidrones::tasks::randomise::{Distribution, RandomisationOperation, RandomisationTime};
+use omnidrones::tasks::registry::{self, TaskEntry};
+use omnidrones::tasks::{Env, EnvConfig, Randomisation, RandomisedQuantity, TaskSpec};
 use toml::Value;
 
 /// How environments are set up. Options win over the file, the file over the task's own defaults.
@@ -53,7 +53,7 @@ pub struct EnvArguments {
     /// to center_of_mass; wind in m/s per axis; hidden_mass as a share of the drone's mass, hidden_height in m. A file can
     /// do more: one draw per rotor, once per environment, any physical number by its name.
     #[arg(long, value_name = "WHAT:LOW:HIGH", value_parser = change, allow_hyphen_values = true)]
-    randomise: Vec<Change>,
+    randomise: Vec<Randomisation>,
     /// Seed of all that is drawn [default: 0]
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
@@ -69,23 +69,23 @@ const LEVELS: [(&str, &str, Level); 5] = [
 ];
 
 /// What `--randomise` knows, with how a drawn number acts and what it is.
-pub const QUANTITIES: [(Quantity, Action, &str); 12] = [
-    (Quantity::Mass, Action::Scale, "of every drone, with its inertia"),
-    (Quantity::Inertia, Action::Scale, "principal moments of every drone, mass unchanged"),
-    (Quantity::CenterOfMass, Action::Add, "of every drone, per axis, m"),
-    (Quantity::Thrust, Action::Scale, "k_f of every rotor"),
-    (Quantity::ThrustToWeight, Action::Scale, "k_f of every rotor, with the drone's mass"),
-    (Quantity::MomentPerThrust, Action::Scale, "k_m/k_f of every rotor"),
-    (Quantity::MotorTime, Action::Scale, "lag of every motor"),
-    (Quantity::Drag, Action::Scale, "linear, of every drone"),
-    (Quantity::AngularDrag, Action::Scale, "of every drone"),
-    (Quantity::Wind, Action::Set, "constant, per axis, m/s, world"),
-    (Quantity::HiddenMass, Action::Set, "a box stuck to every drone, share of its mass"),
-    (Quantity::HiddenHeight, Action::Set, "where the hidden mass sits, m; give it first"),
+pub const QUANTITIES: [(RandomisedQuantity, RandomisationOperation, &str); 12] = [
+    (RandomisedQuantity::Mass, RandomisationOperation::Scale, "of every drone, with its inertia"),
+    (RandomisedQuantity::Inertia, RandomisationOperation::Scale, "principal moments of every drone, mass unchanged"),
+    (RandomisedQuantity::CenterOfMass, RandomisationOperation::Add, "of every drone, per axis, m"),
+    (RandomisedQuantity::Thrust, RandomisationOperation::Scale, "k_f of every rotor"),
+    (RandomisedQuantity::ThrustToWeight, RandomisationOperation::Scale, "k_f of every rotor, with the drone's mass"),
+    (RandomisedQuantity::MomentPerThrust, RandomisationOperation::Scale, "k_m/k_f of every rotor"),
+    (RandomisedQuantity::MotorTime, RandomisationOperation::Scale, "lag of every motor"),
+    (RandomisedQuantity::Drag, RandomisationOperation::Scale, "linear, of every drone"),
+    (RandomisedQuantity::AngularDrag, RandomisationOperation::Scale, "of every drone"),
+    (RandomisedQuantity::Wind, RandomisationOperation::Set, "constant, per axis, m/s, world"),
+    (RandomisedQuantity::HiddenMass, RandomisationOperation::Set, "a box stuck to every drone, share of its mass"),
+    (RandomisedQuantity::HiddenHeight, RandomisationOperation::Set, "where the hidden mass sits, m; give it first"),
 ];
 
 /// As in files.
-pub fn quantity_name(quantity: &Quantity) -> String {
+pub fn quantity_name(quantity: &RandomisedQuantity) -> String {
     match toml::Value::try_from(quantity) {
         Ok(toml::Value::String(name)) => name,
         _ => String::new(),
@@ -93,7 +93,7 @@ pub fn quantity_name(quantity: &Quantity) -> String {
 }
 
 /// `mass:0.8:1.2`.
-fn change(text: &str) -> std::result::Result<Change, String> {
+fn change(text: &str) -> std::result::Result<Randomisation, String> {
     let parts: Vec<&str> = text.split(':').collect();
     let [name, low, high] = parts[..] else {
         return Err("expected WHAT:LOW:HIGH, as in mass:0.8:1.2".into());
@@ -104,12 +104,12 @@ fn change(text: &str) -> std::result::Result<Change, String> {
     };
     let number = |text: &str| text.parse::<f64>().map_err(|_| format!("'{text}' is not a number"));
     let range = [number(low)?, number(high)?];
-    let change = Change {
+    let change = Randomisation {
         what: what.clone(),
         range,
         distribution: Distribution::Uniform,
         by: *by,
-        when: Time::Reset,
+        when: RandomisationTime::Reset,
         each: false,
     };
     change.validate().map_err(|e| e.to_string())?;
@@ -157,7 +157,7 @@ impl EnvArguments {
 
     /// The options as layers in the form of a run: settings of environments under `env`. `task` has the last word on what
     /// its own settings are.
-    pub fn options(&self, task: Option<&Entry>, algorithm: Option<&str>) -> Result<Vec<Layer>> {
+    pub fn options(&self, task: Option<&TaskEntry>, algorithm: Option<&str>) -> Result<Vec<Layer>> {
         let mut layers = Vec::new();
         let mut option = |name: &str, path: &str, value: Value| {
             layers.push(Layer::of_table(name, layers::at(path, value)));
@@ -201,7 +201,7 @@ impl EnvArguments {
     }
 
     /// The environments that were asked for: options over the file, the file over `usual`.
-    pub fn config(&self, usual: &EnvConfig, task: Option<&Entry>) -> Result<EnvConfig> {
+    pub fn config(&self, usual: &EnvConfig, task: Option<&TaskEntry>) -> Result<EnvConfig> {
         let own = self.file("omnidrones tasks TASK --toml")?.map(|file| of_environments(file, task)).transpose()?;
         let options = self.options(task, None)?.into_iter().map(|option| of_environments(option, task));
         let layers = own.into_iter().map(Ok).chain(options).collect::<Result<Vec<_>>>()?;
@@ -226,7 +226,7 @@ fn unwritable(error: toml::ser::Error) -> Error {
 
 /// Where a key of `--set` stands in a run: as it is if a run has it, under `env` if environments have it, else among the
 /// settings of the task. One that is none of them is told with what it may mean where that `algorithm`, or the usual one, trains.
-pub fn place(key: &str, task: Option<&Entry>, algorithm: Option<&str>) -> Result<String> {
+pub fn place(key: &str, task: Option<&TaskEntry>, algorithm: Option<&str>) -> Result<String> {
     let (first, rest) = key.split_once('.').map_or((key, None), |(first, rest)| (first, Some(rest)));
     let (run, env) = (TrainConfig::keys(), EnvConfig::keys());
     let has = |keys: &[String]| keys.iter().any(|own| own == first);
@@ -259,7 +259,7 @@ pub fn place(key: &str, task: Option<&Entry>, algorithm: Option<&str>) -> Result
 
 /// Where a key stands in a table of a run of the task by an algorithm, or of the environments: by its own name, or the
 /// beginnings of its words. Of a choice that is the number that it begins with.
-fn below(key: &str, rest: Option<&str>, task: &Entry, algorithm: Option<&str>) -> Result<Option<String>> {
+fn below(key: &str, rest: Option<&str>, task: &TaskEntry, algorithm: Option<&str>) -> Result<Option<String>> {
     fn walk(path: &str, table: &toml::Table, to: &mut Vec<String>) {
         for (key, value) in table {
             let own = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
@@ -290,13 +290,13 @@ fn below(key: &str, rest: Option<&str>, task: &Entry, algorithm: Option<&str>) -
 }
 
 /// Names of the settings of a task.
-fn settings_of(entry: &Entry) -> Result<Vec<String>> {
+fn settings_of(entry: &TaskEntry) -> Result<Vec<String>> {
     let env = entry.env(&EnvConfig { n_env: 1, ..EnvConfig::default() })?;
     Ok(env.task_spec().settings.iter().map(|setting| setting.key.clone()).collect())
 }
 
 /// What a layer says of environments. Settings of training in a file are for others; as an option they are a mistake.
-fn of_environments(layer: Layer, task: Option<&Entry>) -> Result<Layer> {
+fn of_environments(layer: Layer, task: Option<&TaskEntry>) -> Result<Layer> {
     let env = EnvConfig::keys();
     let run = TrainConfig::keys();
     let of_run = |(key, value): (&String, &Value)| match key.as_str() {
@@ -389,7 +389,7 @@ const BOUNDS: &[(&str, &str)] = &[
 ];
 
 /// A run's configuration as a file with comments, which `train --config` reads back to the same run.
-pub fn run_file(entry: &Entry, config: &TrainConfig) -> Result<String> {
+pub fn run_file(entry: &TaskEntry, config: &TrainConfig) -> Result<String> {
     let text = config.to_toml()?;
     let env = entry.env(&EnvConfig { n_env: 1, ..config.env.clone() })?;
     let of_env = KEYS.iter().chain(SCALES).chain(BOUNDS);
@@ -434,7 +434,7 @@ fn commented(head: &str, lines: &[(String, String)]) -> String {
 const WIDEST: usize = 110;
 
 /// A configuration as a file with comments, which [`EnvConfig::from_toml`] reads back; `own` is the task's environment.
-pub fn file(entry: &Entry, env: &Env, config: &EnvConfig) -> Result<String> {
+pub fn file(entry: &TaskEntry, env: &Env, config: &EnvConfig) -> Result<String> {
     let defaults = entry.default_config()?;
     let mut whole = config.clone();
     whole.randomise = whole.randomise.or(defaults.randomise).or(Some(Vec::new()));
@@ -491,7 +491,10 @@ mod tests {
     #[test]
     fn changes_and_settings_are_read_or_refused_with_a_reason() {
         let wind = change("wind:-2:2").unwrap();
-        assert_eq!((wind.what, wind.by, wind.range), (Quantity::Wind, Action::Set, [-2.0, 2.0]));
+        assert_eq!(
+            (wind.what, wind.by, wind.range),
+            (RandomisedQuantity::Wind, RandomisationOperation::Set, [-2.0, 2.0])
+        );
         for (text, words) in [
             ("mass", "WHAT:LOW:HIGH"),
             ("mas:1:2", "did you mean 'mass'?"),

@@ -6,7 +6,7 @@ use super::trajectories::Trajectories;
 use crate::prelude::*;
 use omnidrones::rl::planner::PlannerConfig;
 use omnidrones::rl::refine::Refined;
-use omnidrones::tasks::{Act, Activity, Buffers, Env, Evaluation, Record, Spec, Spread, Watched, evaluate};
+use omnidrones::tasks::{Activity, Buffers, Env, Evaluation, EvaluationStep, PolicyFn, Record, Spec, Spread, evaluate};
 use omnidrones_viewer::{Episodes, Recording};
 use std::cell::RefCell;
 use std::time::Instant;
@@ -65,10 +65,10 @@ impl Flown {
     /// `watch` sees every step.
     pub fn of(
         env: &mut Env,
-        policy: &mut Act<'_>,
+        policy: &mut PolicyFn<'_>,
         controller: impl Into<String>,
         kept: usize,
-        watch: &mut dyn FnMut(&Watched<'_>),
+        watch: &mut dyn FnMut(&EvaluationStep<'_>),
     ) -> Result<Self> {
         let (mut record, commands, begun) = (Record::new(env, LINES), Commands::new(env, kept)?, Instant::now());
         let evaluation = evaluate(env, &mut commands.of(policy), &mut |watched| {
@@ -296,7 +296,7 @@ impl Commands {
     }
 
     /// The policy, watched.
-    pub fn of<'a>(&'a self, policy: &'a mut Act<'_>) -> impl FnMut(&Env, &Buffers, &mut [f32]) -> Result<()> + 'a {
+    pub fn of<'a>(&'a self, policy: &'a mut PolicyFn<'_>) -> impl FnMut(&Env, &Buffers, &mut [f32]) -> Result<()> + 'a {
         move |env, out, actions| {
             policy(env, out, actions)?;
             let mut given = self.given.borrow_mut();
@@ -308,7 +308,7 @@ impl Commands {
     }
 
     /// Takes a step in: the commands of episodes that it belonged to.
-    pub fn see(&self, watched: &Watched<'_>) {
+    pub fn see(&self, watched: &EvaluationStep<'_>) {
         self.kept.borrow_mut().after(watched);
         let (given, mut episodes) = (self.given.borrow(), self.episodes.borrow_mut());
         let each = given.len() / watched.flying.len().max(1);
@@ -356,12 +356,12 @@ impl Seen {
     }
 
     /// Sees a step; whether a frame came of it.
-    pub fn see(&mut self, watched: &Watched<'_>) {
+    pub fn see(&mut self, watched: &EvaluationStep<'_>) {
         let _ = self.frame(watched);
     }
 
     /// As [`see`](Self::see), and whether a frame came of it.
-    pub fn frame(&mut self, watched: &Watched<'_>) -> bool {
+    pub fn frame(&mut self, watched: &EvaluationStep<'_>) -> bool {
         if self.most == 0 || self.refused.is_some() {
             return false;
         }
@@ -371,7 +371,7 @@ impl Seen {
         })
     }
 
-    fn seen(&mut self, watched: &Watched<'_>) -> Result<bool> {
+    fn seen(&mut self, watched: &EvaluationStep<'_>) -> Result<bool> {
         if watched.step == 1 {
             self.episodes = Some(Episodes::new(watched.env, self.most)?);
         }

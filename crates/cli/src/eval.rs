@@ -11,7 +11,7 @@ use omnidrones::rl::policy_io::{SavedPolicy, load_policy};
 use omnidrones::rl::refine::{RefineConfig, Refined, refine};
 use omnidrones::rl::{Starts, eval_env};
 use omnidrones::tasks::registry;
-use omnidrones::tasks::{Buffers, Env, EnvConfig, Watched};
+use omnidrones::tasks::{Buffers, Env, EnvConfig, EvaluationStep};
 
 /// What the command is for.
 pub const ABOUT: &str = "\
@@ -131,7 +131,7 @@ impl Ready {
     }
 
     /// One episode of every environment, of which the first `kept` are kept step by step; `watch` sees every step.
-    pub fn fly(&mut self, kept: usize, watch: &mut dyn FnMut(&Watched<'_>)) -> Result<Flown> {
+    pub fn fly(&mut self, kept: usize, watch: &mut dyn FnMut(&EvaluationStep<'_>)) -> Result<Flown> {
         let (manifest, policy) = (&self.saved.manifest, &mut self.saved.policy);
         policy.reset();
         let act = &mut |_: &Env, out: &Buffers, actions: &mut [f32]| policy.act(&out.observation, actions);

@@ -91,7 +91,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
 
 fn list(as_json: bool) -> Result<Report> {
     if as_json {
-        let row = |entry: &vehicles::Entry| {
+        let row = |entry: &vehicles::VehicleEntry| {
             let vehicle = (entry.build)();
             let mut value = KeyFigures::of(&vehicle).json(&vehicle);
             value["description"] = json!(entry.description);

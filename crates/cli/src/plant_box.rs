@@ -3,7 +3,7 @@
 use crate::prelude::*;
 use omnidrones::controllers::Rates;
 use omnidrones::controllers::design::robustness::robustness;
-use omnidrones::controllers::design::{JudgedPlant, PlantBox, Robustness};
+use omnidrones::controllers::design::{PlantMargin, PlantUncertainty, Robustness};
 use omnidrones::dynamics::{Disturbance, Gains, Physics, Vehicle};
 use omnidrones::parallel::Threads;
 
@@ -18,7 +18,7 @@ pub struct PlantArguments {
     #[arg(long, value_name = "METRES", default_value_t = 0.0, requires = "spread")]
     shift: f64,
     /// Random plants
-    #[arg(long, value_name = "N", default_value_t = PlantBox::default().samples, requires = "spread")]
+    #[arg(long, value_name = "N", default_value_t = PlantUncertainty::default().samples, requires = "spread")]
     samples: usize,
     /// Seed of the plants
     #[arg(long, value_name = "N", default_value_t = 0, requires = "spread")]
@@ -35,8 +35,13 @@ impl PlantArguments {
         outside: (usize, &Disturbance<f64>),
     ) -> Result<Option<Robustness>> {
         let Some(spread) = self.spread else { return Ok(None) };
-        let plants =
-            PlantBox { spread, shift: self.shift, samples: self.samples, seed: self.seed, ..PlantBox::default() };
+        let plants = PlantUncertainty {
+            spread,
+            shift: self.shift,
+            samples: self.samples,
+            seed: self.seed,
+            ..PlantUncertainty::default()
+        };
         robustness(vehicle, gains, flown, outside, &plants, &Threads::default()).map(Some)
     }
 }
@@ -51,7 +56,7 @@ pub fn tell(page: &mut Page, found: &Robustness) {
 
 /// The box, and how many of its plants are stable.
 fn facts(found: &Robustness) -> Vec<Fact> {
-    let PlantBox { spread, shift, samples, confidence, .. } = found.plants;
+    let PlantUncertainty { spread, shift, samples, confidence, .. } = found.plants;
     let percent = |share: f64| short(100.0 * share, 3);
     let [low, high] = found.stable.bounds.map(percent);
     vec![
@@ -67,7 +72,7 @@ fn facts(found: &Robustness) -> Vec<Fact> {
 }
 
 /// Plants with a name in the report.
-fn named(found: &Robustness) -> [(&'static str, Option<&JudgedPlant>); 4] {
+fn named(found: &Robustness) -> [(&'static str, Option<&PlantMargin>); 4] {
     [
         ("as believed", Some(&found.nominal)),
         ("worst corner", Some(&found.corner)),
@@ -80,7 +85,7 @@ fn named(found: &Robustness) -> [(&'static str, Option<&JudgedPlant>); 4] {
 fn table(found: &Robustness) -> Table {
     Table::new("plant | >mass | >inertia | >lag | >forward [mm] | >left [mm] | >disk").filled(
         named(found).into_iter().filter_map(|(name, one)| Some((name, one?))).map(
-            |(name, JudgedPlant { plant, disk, .. })| {
+            |(name, PlantMargin { plant, disk, .. })| {
                 let factor = |f: f64| format!("× {}", short(f, 3));
                 let [forward, left] = plant.shift.map(|s| short(1e3 * s, 3));
                 [
@@ -99,6 +104,6 @@ fn table(found: &Robustness) -> Table {
 
 /// Why some have no margin.
 fn flaws(found: &Robustness) -> Vec<String> {
-    let told = |(name, one): (&str, Option<&JudgedPlant>)| Some(format!("  {name}: {}", one?.flaw.as_ref()?));
+    let told = |(name, one): (&str, Option<&PlantMargin>)| Some(format!("  {name}: {}", one?.flaw.as_ref()?));
     named(found).into_iter().filter_map(told).collect()
 }

@@ -11,7 +11,7 @@ use crate::prelude::*;
 use omnidrones::parallel::Threads;
 use omnidrones::rl::TrainConfig;
 use omnidrones::tasks::Evaluation;
-use omnidrones::tasks::registry::Entry;
+use omnidrones::tasks::registry::TaskEntry;
 
 /// What the command is for.
 pub const ABOUT: &str = "\
@@ -132,7 +132,7 @@ struct Telling {
 
 impl Telling {
     /// Our controller from the first of the same starts, if it is asked for.
-    fn baseline(&self, entry: &Entry, config: &TrainConfig) -> Option<(String, Evaluation)> {
+    fn baseline(&self, entry: &TaskEntry, config: &TrainConfig) -> Option<(String, Evaluation)> {
         self.baselines.then(|| compare(entry, config, &self.threads)).flatten()
     }
 }

@@ -65,7 +65,7 @@ pub enum Flyer {
 }
 
 /// The configuration of that name, if there is one.
-pub fn configuration(named: &str) -> Option<&'static configurations::Entry> {
+pub fn configuration(named: &str) -> Option<&'static configurations::ConfigurationEntry> {
     configurations::REGISTRY.iter().find(|entry| entry.name.eq_ignore_ascii_case(named))
 }
 

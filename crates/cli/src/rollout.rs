@@ -9,8 +9,8 @@ use clap::ValueEnum;
 use omnidrones::parallel::Threads;
 use omnidrones::rl::parts::Objective;
 use omnidrones::rl::planner::{Planner, PlannerConfig};
-use omnidrones::tasks::registry::{self, Entry};
-use omnidrones::tasks::{Autoreset, Baseline, Buffers, Env, EnvConfig, Watched};
+use omnidrones::tasks::registry::{self, TaskEntry};
+use omnidrones::tasks::{Autoreset, Baseline, Buffers, Env, EnvConfig, EvaluationStep};
 
 /// What the command is for.
 pub const ABOUT: &str = "\
@@ -197,7 +197,7 @@ enum Pilot {
 
 impl Ready {
     pub(super) fn new(
-        entry: &Entry,
+        entry: &TaskEntry,
         config: &EnvConfig,
         threads: &Threads,
         (controller, plan): (ControllerName, &PlanArguments),
@@ -222,7 +222,7 @@ impl Ready {
     }
 
     /// One episode of every environment, of which the first `kept` are kept step by step; `watch` sees every step.
-    pub(super) fn fly(&mut self, kept: usize, watch: &mut dyn FnMut(&Watched<'_>)) -> Result<Flown> {
+    pub(super) fn fly(&mut self, kept: usize, watch: &mut dyn FnMut(&EvaluationStep<'_>)) -> Result<Flown> {
         let seed = self.env.spec().config.seed;
         let env = &mut self.env;
         match &mut self.pilot {
@@ -255,7 +255,7 @@ impl Ready {
     }
 }
 
-fn one(a: &Arguments, entry: &Entry, config: &EnvConfig, threads: &Threads) -> Result<Report> {
+fn one(a: &Arguments, entry: &TaskEntry, config: &EnvConfig, threads: &Threads) -> Result<Report> {
     // before any folder is made
     let mut ready = Ready::new(entry, config, threads, (a.controller, &a.plan))?;
     let horizon = ready.env.spec().horizon;

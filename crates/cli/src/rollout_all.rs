@@ -3,7 +3,7 @@
 use super::rollout::{Arguments, ControllerName, Ready};
 use crate::prelude::*;
 use omnidrones::parallel::Threads;
-use omnidrones::tasks::registry::{Entry, REGISTRY};
+use omnidrones::tasks::registry::{REGISTRY, TaskEntry};
 use omnidrones::tasks::{EnvConfig, Evaluation};
 use omnidrones_plot::{Bar, Bars, Colour, Figure};
 
@@ -50,7 +50,7 @@ pub fn run(a: &Arguments, config: &EnvConfig, threads: &Threads) -> Result<Repor
     Ok(Report::page(&all_page(&lines, config, &written), true))
 }
 
-fn line(entry: &'static Entry, config: &EnvConfig, threads: &Threads, a: &Arguments) -> Line {
+fn line(entry: &'static TaskEntry, config: &EnvConfig, threads: &Threads, a: &Arguments) -> Line {
     match Ready::new(entry, config, threads, (a.controller, &a.plan)).and_then(|mut ready| ready.fly(0, &mut |_| ())) {
         Ok(flown) => {
             let error = &flown.record.spec().info[flown.record.first_metric()];

@@ -5,7 +5,7 @@ use super::environment::EnvArguments;
 use super::episodes::{Commanded, Flown, SHOWN, Seen};
 use super::files::write_table;
 use crate::prelude::*;
-use omnidrones::tasks::{ActionSpace, Column, Record, Recorded, Watched};
+use omnidrones::tasks::{ActionSpace, Column, EvaluationStep, Record, RecordedStep};
 use omnidrones_plot::{Colour, Figure, Panel, Series};
 use omnidrones_viewer::page;
 
@@ -62,7 +62,7 @@ impl Told<'_> {
         self,
         arguments: &EpisodeArguments,
         horizon: usize,
-        fly: impl FnOnce(usize, &mut dyn FnMut(&Watched<'_>)) -> Result<Flown>,
+        fly: impl FnOnce(usize, &mut dyn FnMut(&EvaluationStep<'_>)) -> Result<Flown>,
     ) -> Result<Report> {
         let EpisodeArguments { output, csv, npz, replay, .. } = arguments;
         crate::arguments::check_mcap(arguments.mcap)?;
@@ -190,7 +190,7 @@ fn commands(flown: &Flown, which: &str, episode: &Commanded) -> Panel {
 const NAMED: usize = 12;
 
 /// Steps that enough episodes share.
-fn crowded(record: &Record) -> impl Iterator<Item = &Recorded> {
+fn crowded(record: &Record) -> impl Iterator<Item = &RecordedStep> {
     let least = ENOUGH * record.spec().n_env as f64;
     record.steps.iter().filter(move |s| s.n_flying as f64 >= least)
 }

@@ -5,7 +5,7 @@ use nalgebra::DMatrix;
 use omnidrones::controllers::Mixer;
 use omnidrones::dynamics::rotor::ROTOR_PARAMETERS;
 use omnidrones::dynamics::spatial::to_euler;
-use omnidrones::dynamics::{GRAVITY, Gains, Hover, Rotor, Vehicle};
+use omnidrones::dynamics::{GRAVITY, Gains, HoverTrim, Rotor, Vehicle};
 
 /// What characterises a vehicle; `None` where it cannot hover.
 pub struct KeyFigures {
@@ -14,7 +14,7 @@ pub struct KeyFigures {
     /// Mean thrust of the rotors in hover over their largest, 0 to 1.
     pub hover_thrust: Option<f64>,
     /// The hover, or why there is none.
-    pub hover: Result<Hover>,
+    pub hover: Result<HoverTrim>,
     /// Slowest time constants of the motors, up and down, s.
     pub time_constants: [f64; 2],
     /// 1/(4τ), rad/s.
@@ -61,7 +61,7 @@ impl KeyFigures {
             "lift_to_weight": vehicle.balanced_lift().ok(),
             "hover_thrust": self.hover_thrust,
             "hover_command": self.hover_command(),
-            "hover_lean": self.hover.as_ref().ok().map(Hover::lean),
+            "hover_lean": self.hover.as_ref().ok().map(HoverTrim::lean),
             "hover_reserve": self.hover.as_ref().ok().map(|hover| hover.reserve),
             "motor_time_constant_up": self.time_constants[0],
             "motor_time_constant_down": self.time_constants[1],

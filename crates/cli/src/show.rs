@@ -67,10 +67,10 @@ pub fn run(a: &Arguments) -> Result<Report> {
 }
 
 fn list(as_json: bool) -> Result<Report> {
-    let models: Vec<(&configurations::Entry, Model)> =
+    let models: Vec<(&configurations::ConfigurationEntry, Model)> =
         configurations::REGISTRY.iter().map(|e| Ok((e, (e.build)()?))).collect::<Result<_>>()?;
     if as_json {
-        let row = |(entry, model): &(&configurations::Entry, Model)| {
+        let row = |(entry, model): &(&configurations::ConfigurationEntry, Model)| {
             json!({
                 "name": entry.name,
                 "description": entry.description,

@@ -7,7 +7,7 @@ use super::{baseline, eval, robot, rollout};
 use crate::prelude::*;
 use omnidrones::dynamics::vehicles;
 use omnidrones::parallel::Threads;
-use omnidrones::tasks::{Autoreset, EnvConfig, Watched, registry};
+use omnidrones::tasks::{Autoreset, EnvConfig, EvaluationStep, registry};
 
 /// Most episodes in one picture.
 pub const MAX_SHOWN: usize = 16;
@@ -54,7 +54,7 @@ impl Flier {
     }
 
     /// One episode of every environment, the next one with every call; `watch` sees every step.
-    pub fn fly(&mut self, watch: &mut dyn FnMut(&Watched<'_>)) -> Result<Flown> {
+    pub fn fly(&mut self, watch: &mut dyn FnMut(&EvaluationStep<'_>)) -> Result<Flown> {
         match self {
             Self::Policy(ready) => ready.fly(0, watch),
             Self::Own(ready) => ready.fly(0, watch),

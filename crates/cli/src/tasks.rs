@@ -3,8 +3,8 @@
 use super::environment::{self, EnvArguments, QUANTITIES, usual_vehicle};
 use crate::prelude::*;
 use omnidrones::controllers::cascade::Level;
-use omnidrones::tasks::randomise::Action;
-use omnidrones::tasks::registry::{self, Entry, REGISTRY};
+use omnidrones::tasks::randomise::RandomisationOperation;
+use omnidrones::tasks::registry::{self, REGISTRY, TaskEntry};
 use omnidrones::tasks::robot::{DAMPING, MOTOR_TIME_CONSTANT};
 use omnidrones::tasks::task_spec::{Field, total};
 use omnidrones::tasks::{ActionSpace, Baseline, Env, EnvConfig, Space, Spec};
@@ -54,7 +54,7 @@ pub struct Arguments {
 }
 
 /// One environment is built to be asked; the configuration speaks of as many as it says.
-fn build(entry: &Entry, config: &EnvConfig) -> Result<Env> {
+fn build(entry: &TaskEntry, config: &EnvConfig) -> Result<Env> {
     entry.env(&EnvConfig { n_env: 1, ..config.clone() })
 }
 
@@ -71,7 +71,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
 }
 
 fn list(config: &EnvConfig, as_json: bool) -> Result<Report> {
-    let tasks: Vec<(&Entry, Env)> = REGISTRY.iter().map(|e| Ok((e, build(e, config)?))).collect::<Result<_>>()?;
+    let tasks: Vec<(&TaskEntry, Env)> = REGISTRY.iter().map(|e| Ok((e, build(e, config)?))).collect::<Result<_>>()?;
     if as_json {
         let rows: Vec<Value> = tasks.iter().map(|(entry, env)| summary(entry, env.spec())).collect();
         return Ok(Report::json(&json!({ "command": "tasks", "tasks": rows }), true));
@@ -111,7 +111,7 @@ fn list(config: &EnvConfig, as_json: bool) -> Result<Report> {
     Ok(Report::page(&page, true))
 }
 
-fn summary(entry: &Entry, spec: &Spec) -> Value {
+fn summary(entry: &TaskEntry, spec: &Spec) -> Value {
     json!({
         "name": entry.name,
         "description": entry.description,
@@ -130,7 +130,7 @@ fn summary(entry: &Entry, spec: &Spec) -> Value {
 
 /// A task as its configuration makes it.
 struct Described {
-    entry: &'static Entry,
+    entry: &'static TaskEntry,
     config: EnvConfig,
     env: Env,
     /// Name of the controller that can fly it, or why none can.
@@ -139,7 +139,7 @@ struct Described {
 }
 
 impl Described {
-    fn of(entry: &'static Entry, config: EnvConfig) -> Result<Self> {
+    fn of(entry: &'static TaskEntry, config: EnvConfig) -> Result<Self> {
         let env = build(entry, &config)?;
         let at = |control| build(entry, &EnvConfig { control, ..config.clone() });
         let controller = at(Level::Rotor).and_then(|env| Ok(Baseline::new(&env)?.name().to_string()));
@@ -387,12 +387,12 @@ fn fields(fields: &[Field]) -> Table {
 }
 
 fn quantities() -> Vec<Fact> {
-    let how = |action: Action| match action {
-        Action::Scale => "times",
-        Action::Add => "plus",
-        Action::Set => "is",
+    let how = |action: RandomisationOperation| match action {
+        RandomisationOperation::Scale => "times",
+        RandomisationOperation::Add => "plus",
+        RandomisationOperation::Set => "is",
     };
-    let fact = |(what, action, meaning): &(_, Action, &str)| {
+    let fact = |(what, action, meaning): &(_, RandomisationOperation, &str)| {
         Fact::new(environment::quantity_name(what), how(*action)).note(*meaning)
     };
     QUANTITIES.iter().map(fact).collect()

@@ -15,7 +15,7 @@ use omnidrones::rl::checkpoint::Manifest;
 use omnidrones::rl::policy_io::load_policy;
 use omnidrones::rl::trainer::{Progress, TrainResult, Trainer};
 use omnidrones::rl::{Starts, TrainConfig, checkpoint};
-use omnidrones::tasks::registry::{self, Entry};
+use omnidrones::tasks::registry::{self, TaskEntry};
 use omnidrones::tasks::{EnvConfig, Evaluation, Metric, Spec};
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -187,7 +187,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
 }
 
 /// Several seeds, or a search over settings.
-fn several(a: &Arguments, entry: &Entry, config: &TrainConfig, threads: &Threads) -> Result<Report> {
+fn several(a: &Arguments, entry: &TaskEntry, config: &TrainConfig, threads: &Threads) -> Result<Report> {
     let searches = !a.search.is_empty();
     let n = a.seeds.unwrap_or(if searches { 3 } else { 1 });
     let usual = default_folder(entry, config, a.algo.as_deref())?;
@@ -232,7 +232,7 @@ impl Arguments {
     }
 
     /// Defaults, recipe, file, options, then `more`.
-    fn config(&self, entry: &Entry, more: &[Layer]) -> Result<TrainConfig> {
+    fn config(&self, entry: &TaskEntry, more: &[Layer]) -> Result<TrainConfig> {
         let file = self.environment.file(&format!("omnidrones train {} --toml", entry.name))?;
         let mut foreign = Vec::new();
         let file = file.map(|layer| {
@@ -294,7 +294,7 @@ fn refuse_unused(config: &TrainConfig, option: &Layer) -> Result<()> {
 }
 
 /// `runs/TASK-ALGO-sSEED`, behind the task vehicle and control level where they are not its usual ones.
-fn default_folder(entry: &Entry, config: &TrainConfig, asked: Option<&str>) -> Result<PathBuf> {
+fn default_folder(entry: &TaskEntry, config: &TrainConfig, asked: Option<&str>) -> Result<PathBuf> {
     let algorithm = config.algorithm.name();
     let usual = TrainConfig::for_task(entry.name, Some(algorithm), None)?;
     let vehicle = |config: &TrainConfig| config.env.task.get("vehicle")?.as_str().map(str::to_lowercase);
@@ -405,7 +405,7 @@ impl First {
 
 /// A run that is over.
 pub struct Trained<'a> {
-    entry: &'a Entry,
+    entry: &'a TaskEntry,
     spec: Spec,
     /// The task's error.
     error: Metric,
@@ -594,8 +594,9 @@ mod tests {
 
     #[test]
     fn the_limit_that_the_help_names_is_that_of_hover_and_the_tasks_with_other_rules_are_named() {
-        let success =
-            |entry: &Entry| entry.env(&EnvConfig { n_env: 1, ..EnvConfig::default() }).unwrap().spec().success.clone();
+        let success = |entry: &TaskEntry| {
+            entry.env(&EnvConfig { n_env: 1, ..EnvConfig::default() }).unwrap().spec().success.clone()
+        };
         let hover = success(registry::by_name("Hover").unwrap()).text();
         assert!(hover.starts_with("position_error < 0.1 m and heading_alignment > 0.95"), "{hover}");
         assert!(SUCCESS.contains("0.1 m of position in Hover") && 0.95_f64.acos().to_degrees().round() == 18.0);

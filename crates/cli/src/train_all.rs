@@ -13,7 +13,7 @@ use omnidrones::parallel::Threads;
 use omnidrones::rl::TrainConfig;
 use omnidrones::rl::log::Line as LogLine;
 use omnidrones::rl::recipes::recipes_of;
-use omnidrones::tasks::registry::{self, Entry, REGISTRY};
+use omnidrones::tasks::registry::{self, REGISTRY, TaskEntry};
 use omnidrones::tasks::{Evaluation, Metric};
 use omnidrones_studies::plan::budgeted;
 use std::collections::BTreeMap;
@@ -71,7 +71,7 @@ pub struct Arguments {
 
 /// A task by an algorithm: its row, or why there is none; our controller in the last line of a task.
 pub struct Line {
-    entry: &'static Entry,
+    entry: &'static TaskEntry,
     algorithm: String,
     /// What its error is; none where it was not trained.
     error: Option<Metric>,
@@ -96,21 +96,24 @@ pub fn has_rows(folder: &Path) -> bool {
 
 /// The rows of a folder in the order of the tasks, and what could not be read of it; our controller's figures from the table
 /// there, if there is one, else flown by `fly`.
-pub fn read(folder: &Path, fly: &dyn Fn(&'static Entry) -> Option<(String, Evaluation)>) -> (Vec<Line>, Vec<String>) {
-    let (mut rows, mut unread): (Vec<(&'static Entry, Row)>, _) = (Vec::new(), Vec::new());
+pub fn read(
+    folder: &Path,
+    fly: &dyn Fn(&'static TaskEntry) -> Option<(String, Evaluation)>,
+) -> (Vec<Line>, Vec<String>) {
+    let (mut rows, mut unread): (Vec<(&'static TaskEntry, Row)>, _) = (Vec::new(), Vec::new());
     for path in row_files(folder) {
         match rows::read(&path).and_then(|row| Ok((registry::by_name(&row.task)?, row))) {
             Ok(row) => rows.push(row),
             Err(error) => unread.push(error.to_string()),
         }
     }
-    let place = |entry: &Entry| REGISTRY.iter().position(|e| e.name == entry.name);
+    let place = |entry: &TaskEntry| REGISTRY.iter().position(|e| e.name == entry.name);
     rows.sort_by_key(|(entry, row)| (place(entry), row.label()));
     let known = known_baselines(&folder.join("table.json")).unwrap_or_else(|error| {
         unread.push(error.to_string());
         BTreeMap::new()
     });
-    let line = |(entry, row): (&'static Entry, Row)| {
+    let line = |(entry, row): (&'static TaskEntry, Row)| {
         let config = TrainConfig::for_task(entry.name, Some(&row.algorithm), None).ok();
         Line {
             entry,
@@ -166,8 +169,8 @@ pub fn run(a: &Arguments) -> Result<Report> {
     };
     let mut outputs = a.output.open("runs/all", true)?;
     let folder = outputs.folder.clone();
-    let algorithms = |entry: &Entry| a.algo.as_deref().map_or_else(|| recipes_of(entry.name), |one| vec![one]);
-    let trained: Vec<(&'static Entry, Vec<&str>)> = entries.into_iter().map(|e| (e, algorithms(e))).collect();
+    let algorithms = |entry: &TaskEntry| a.algo.as_deref().map_or_else(|| recipes_of(entry.name), |one| vec![one]);
+    let trained: Vec<(&'static TaskEntry, Vec<&str>)> = entries.into_iter().map(|e| (e, algorithms(e))).collect();
     let bar = progress::bar(0, "training", a.output.json);
     let mut lines = Vec::new();
     for (entry, algorithms) in trained {
@@ -187,7 +190,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
 }
 
 fn line(
-    entry: &'static Entry,
+    entry: &'static TaskEntry,
     algorithm: &str,
     a: &Arguments,
     folder: &Path,

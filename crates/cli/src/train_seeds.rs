@@ -11,12 +11,12 @@ use omnidrones::rl::TrainConfig;
 use omnidrones::rl::runs::{self, OverSeeds, Run};
 use omnidrones::rl::trainer::TrainResult;
 use omnidrones::tasks::Metric;
-use omnidrones::tasks::registry::Entry;
+use omnidrones::tasks::registry::TaskEntry;
 use std::sync::Mutex;
 
 /// What is asked for.
 pub struct Asked<'a> {
-    pub entry: &'a Entry,
+    pub entry: &'a TaskEntry,
     pub algorithm: &'a str,
     pub config: &'a TrainConfig,
     /// Those with which the run of a seed in a folder begins or goes on.

@@ -11,7 +11,7 @@ use omnidrones::controllers::Reference;
 use omnidrones::dynamics::Plant;
 #[cfg(feature = "mcap")]
 use omnidrones::internals::replace_with;
-use omnidrones::tasks::{Buffers, Env, Field, Spec, Watched};
+use omnidrones::tasks::{Buffers, Env, EvaluationStep, Field, Spec};
 #[cfg(feature = "mcap")]
 use omnidrones_viewer::{Recording, Track, goal, write_mcap};
 
@@ -90,7 +90,7 @@ impl Trajectories {
     }
 
     /// What came of a step.
-    pub fn after(&mut self, watched: &Watched<'_>) {
+    pub fn after(&mut self, watched: &EvaluationStep<'_>) {
         let Spec { n_agent, n_observation, info, .. } = &self.spec;
         let (out, seen, told) = (watched.out, n_agent * n_observation, info.len());
         for (i, episode) in self.episodes.iter_mut().enumerate().filter(|(_, e)| !e.over) {

@@ -5,9 +5,9 @@ use super::robot::FlyerArguments;
 use super::sheet::{self, KeyFigures};
 use super::tune_grid::{self, GridArguments};
 use crate::prelude::*;
-use omnidrones::controllers::design::tune::{Evaluation, Iteration, TunePlan, Tuning, tune};
-use omnidrones::controllers::design::{GridCell, Judgement, LoopMargins, MarginGate};
-use omnidrones::controllers::{Flight, FlightPlan, Reference, Share, fly_vehicle};
+use omnidrones::controllers::design::tune::{GainEvaluation, Iteration, TunePlan, Tuning, tune};
+use omnidrones::controllers::design::{GridCell, LoopMargins, MarginGate, MarginReport};
+use omnidrones::controllers::{Flight, FlightPlan, Proportion, Reference, fly_vehicle};
 use omnidrones::dynamics::aero::wind::Wind;
 use omnidrones::dynamics::{Gains, Plant, Vehicle};
 use omnidrones_plot::{Bar, Bars, Colour, Figure, Panel, Series};
@@ -157,7 +157,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
             "held_out_before": tuning.held_out.map(|both| both[0]),
             "held_out_after": tuning.held_out.map(|both| both[1]),
             "grid": cells,
-            "crashed_after": Share::counted(tuning.after.crashed, tuning.after.n, CONFIDENCE),
+            "crashed_after": Proportion::counted(tuning.after.crashed, tuning.after.n, CONFIDENCE),
             "warnings": warnings(&tuning),
             "elsewhere_before": tuning.elsewhere_before,
             "elsewhere_after": tuning.elsewhere_after,
@@ -324,14 +324,14 @@ fn names(plan: &TunePlan) -> String {
 const CONFIDENCE: f64 = 0.95;
 
 /// By how much the error fell, in words where one of them is of no flight that was kept.
-fn gained(before: &Evaluation, after: &Evaluation) -> String {
+fn gained(before: &GainEvaluation, after: &GainEvaluation) -> String {
     let share = 1.0 - after.rmse / before.rmse;
     if share.is_finite() { format!("{:.1} %", 100.0 * share) } else { "by no number (all lost)".into() }
 }
 
 fn facts(plan: &TunePlan, tuning: &Tuning, wall_time: f64) -> Vec<Fact> {
-    let judged = |e: &Evaluation| {
-        let [low, high] = Share::counted(e.crashed, e.n, CONFIDENCE).bounds.map(|share| short(100.0 * share, 2));
+    let judged = |e: &GainEvaluation| {
+        let [low, high] = Proportion::counted(e.crashed, e.n, CONFIDENCE).bounds.map(|share| short(100.0 * share, 2));
         let share = format!("{low} to {high} % with {} % confidence", 100.0 * CONFIDENCE);
         // a flight that was lost has no error to tell
         let note = match e.crashed {
@@ -395,7 +395,7 @@ fn facts(plan: &TunePlan, tuning: &Tuning, wall_time: f64) -> Vec<Fact> {
                 Fact::new("without a margin", format!("{n} of {of} corners")).note(format!("{}: {flaw}", place(*at))),
             );
         }
-        let passes = |j: &Judgement| if j.passes { "passed" } else { "failed" };
+        let passes = |j: &MarginReport| if j.passes { "passed" } else { "failed" };
         let (disk, latency) = plan.margins.as_ref().map_or((0.0, 0.0), |gate| (gate.disk, 1e3 * gate.latency));
         facts.push(
             Fact::new("gate", format!("{} → {}", passes(first), passes(last)))

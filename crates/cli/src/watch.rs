@@ -10,7 +10,7 @@ use crate::prelude::*;
 use omnidrones::controllers::Reference;
 use omnidrones::dynamics::tree::{Multibody, body_poses};
 use omnidrones::parallel::Threads;
-use omnidrones::tasks::{Env, Spec, Watched};
+use omnidrones::tasks::{Env, EvaluationStep, Spec};
 use omnidrones_plot::animation::save_gif;
 use omnidrones_plot::{Colour, Drawing, Figure, Item, Panel, Series, model};
 use omnidrones_viewer::{goal, page};
@@ -202,7 +202,7 @@ impl Replay {
         })
     }
 
-    fn see(&mut self, watched: &Watched<'_>) {
+    fn see(&mut self, watched: &EvaluationStep<'_>) {
         let (env, n) = (watched.env, self.spec.n_env);
         if watched.step == 1 {
             let references = |env: &Env, i| env.reference(i).ok().flatten().map_or_else(Vec::new, |w| w.references);

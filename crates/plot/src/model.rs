@@ -6,7 +6,7 @@ use omnidrones::controllers::mishap::lowest_point;
 use omnidrones::dynamics::Rotor;
 use omnidrones::dynamics::shape::{Geometry, Shape};
 use omnidrones::dynamics::spatial::{add, dot, from_matrix, mat_vec, matrix, multiply, scale, sub, transpose};
-use omnidrones::dynamics::tree::{Model, Motion, Multibody, Pose, body_poses};
+use omnidrones::dynamics::tree::{FrameKinematics, Model, Motion, Multibody, body_poses};
 
 /// Surfaces of bodies that carry rotors, and of the others.
 const DRONE: Colour = Colour(206, 213, 220);
@@ -176,7 +176,7 @@ pub fn sticks(system: &Multibody, state: &[f64]) -> Vec<[[f64; 3]; 2]> {
     lines
 }
 
-fn skeleton(model: &Model, poses: &[Pose<f64>]) -> Vec<[[f64; 3]; 2]> {
+fn skeleton(model: &Model, poses: &[FrameKinematics<f64>]) -> Vec<[[f64; 3]; 2]> {
     struts(model).into_iter().map(|(body, ends)| ends.map(|p| on(&poses[body], p))).collect()
 }
 
@@ -279,7 +279,7 @@ fn visible_middle(model: &Model, body: usize) -> [f64; 3] {
     own.map_or(model.bodies()[body].center_of_mass, |s| s.shape.position)
 }
 
-fn on(pose: &Pose<f64>, point: [f64; 3]) -> [f64; 3] {
+fn on(pose: &FrameKinematics<f64>, point: [f64; 3]) -> [f64; 3] {
     add(pose.position, mat_vec(pose.rotation, point))
 }
 

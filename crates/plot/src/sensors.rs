@@ -2,7 +2,7 @@
 
 use super::flight::{timed, without_x_label};
 use super::{Colour, Figure, HeatMap, Panel, Picture, Series};
-use omnidrones::dynamics::sensors::{Channel, Form, Layout, Model, Pattern, SensorConfig};
+use omnidrones::dynamics::sensors::{Channel, DistanceEncoding, Pattern, ReadingLayout, SensorConfig, SensorModel};
 use omnidrones::flight::FlightLog;
 
 /// Most moments of a scan, and most pictures of a camera.
@@ -21,17 +21,17 @@ pub fn sensor_figures(sensors: &[SensorConfig], log: &FlightLog) -> Vec<(String,
     let figure = |sensor: &SensorConfig| {
         let channels = sensor.model.channels();
         let readings = Readings::of(sensor, log, first, channels.len());
-        first += if sensor.model.layout() == Layout::Vector { channels.len() } else { 0 };
+        first += if sensor.model.layout() == ReadingLayout::Vector { channels.len() } else { 0 };
         let figure = Figure::new(format!("{}: {}", log.vehicle, sensor.name));
         let figure = match sensor.model.layout() {
-            Layout::Vector => curves(figure, &channels, &readings, log),
-            Layout::Lidar { .. } if scatters(&sensor.model) => {
+            ReadingLayout::Vector => curves(figure, &channels, &readings, log),
+            ReadingLayout::Lidar { .. } if scatters(&sensor.model) => {
                 quantiles(figure, &sensor.model, &channels[0], &readings)
             }
-            Layout::Lidar { rows, columns } => {
+            ReadingLayout::Lidar { rows, columns } => {
                 scans(figure.subtitle(told(&sensor.model, &channels[0], readings.ends())), [rows, columns], &readings)
             }
-            Layout::Image { height, width, channels: n } => {
+            ReadingLayout::Image { height, width, channels: n } => {
                 let one = n == 1;
                 let figure =
                     if one { figure.subtitle(told(&sensor.model, &channels[0], readings.ends())) } else { figure };
@@ -134,8 +134,8 @@ fn curves(figure: Figure, channels: &[Channel], readings: &Readings<'_>, log: &F
 }
 
 /// Whether beams point elsewhere in every scan.
-fn scatters(model: &Model) -> bool {
-    matches!(model, Model::Lidar(lidar) if lidar.pattern == Pattern::Scatter)
+fn scatters(model: &SensorModel) -> bool {
+    matches!(model, SensorModel::Lidar(lidar) if lidar.pattern == Pattern::Scatter)
 }
 
 /// Shares of a scan's readings that curves are drawn of.
@@ -143,7 +143,7 @@ const SHARES: [(f64, &str); 4] =
     [(0.0, "least"), (0.1, "a tenth below"), (0.5, "half below"), (0.9, "nine tenths below")];
 
 /// A curve per share of all beams: where each of them points is another direction in every scan.
-fn quantiles(figure: Figure, model: &Model, channel: &Channel, readings: &Readings<'_>) -> Figure {
+fn quantiles(figure: Figure, model: &SensorModel, channel: &Channel, readings: &Readings<'_>) -> Figure {
     let mut curves = vec![Vec::with_capacity(readings.len()); SHARES.len()];
     let mut scan = Vec::with_capacity(readings.n);
     for i in 0..readings.len() {
@@ -163,7 +163,7 @@ fn quantiles(figure: Figure, model: &Model, channel: &Channel, readings: &Readin
 }
 
 /// What colours mean.
-fn told(model: &Model, channel: &Channel, [low, high]: [f64; 2]) -> String {
+fn told(model: &SensorModel, channel: &Channel, [low, high]: [f64; 2]) -> String {
     let (what, unit) = (named(model, channel), &channel.1);
     if low < high {
         format!("{what}: dark {low:.3}, bright {high:.3} {unit}")
@@ -173,17 +173,17 @@ fn told(model: &Model, channel: &Channel, [low, high]: [f64; 2]) -> String {
 }
 
 /// The name of a channel without its number, and the form in which it is told.
-fn named(model: &Model, (name, _): &Channel) -> String {
+fn named(model: &SensorModel, (name, _): &Channel) -> String {
     let what = name.trim_end_matches(|c: char| c == '_' || c.is_ascii_digit());
     let form = match model {
-        Model::Lidar(lidar) => lidar.form,
-        Model::Camera(camera) => camera.form,
-        _ => Form::Distance,
+        SensorModel::Lidar(lidar) => lidar.form,
+        SensorModel::Camera(camera) => camera.form,
+        _ => DistanceEncoding::Distance,
     };
     let form = match form {
-        Form::Distance => "",
-        Form::Proximity => ", told as proximity",
-        Form::Inverse => ", told as inverse distance",
+        DistanceEncoding::Distance => "",
+        DistanceEncoding::Proximity => ", told as proximity",
+        DistanceEncoding::Inverse => ", told as inverse distance",
     };
     format!("{what}{form}")
 }
@@ -264,7 +264,7 @@ mod tests {
         log.velocity = vec![[0.1, 0.0, 0.0]; 3];
         let read = |i: usize, n: usize| (0..n).map(move |k| (0.01 * (i * n + k) as f64).sin().abs());
         let named = |n: usize| vec![Quantity { name: "x".into(), unit: "-" }; n];
-        let (few, many): (Vec<_>, Vec<_>) = sensors.iter().partition(|own| own.model.layout() == Layout::Vector);
+        let (few, many): (Vec<_>, Vec<_>) = sensors.iter().partition(|own| own.model.layout() == ReadingLayout::Vector);
         let n: usize = few.iter().map(|sensor| sensor.model.channels().len()).sum();
         log.sensor_channels = named(n);
         log.sensor_readings = (0..3).flat_map(|i| read(i, n)).collect();

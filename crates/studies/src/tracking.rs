@@ -19,7 +19,7 @@ use omnidrones::controllers::design::Corner;
 use omnidrones::controllers::flight::LOST;
 use omnidrones::controllers::reference::{Ellipse, Reference};
 use omnidrones::controllers::registry::{Setup, controller};
-use omnidrones::controllers::{BodyModel, ClosedLoop, Mixer, Outside, Rates, start_on};
+use omnidrones::controllers::{BodyModel, ClosedLoop, ExogenousInputs, Mixer, Rates, start_on};
 use omnidrones::dynamics::vehicle::{Drag, Inertia, Part, Rotor};
 use omnidrones::dynamics::{Disturbance, Effects, Gains, MAX_ROTORS, Physics, Plant, Vehicle};
 use omnidrones::error::Result;
@@ -306,7 +306,7 @@ fn fly_cell(name: &str, vehicle: &Vehicle, condition: TrackingCondition, cell: &
     let mut state = start_on(&plant, &law, &reference)?;
     let mut next = state.clone();
     let mut system = ClosedLoop::new(plant, law)?.with_latency(condition.latency(physics.dt))?;
-    let (target, outside) = (Target::level(&reference), Outside::air(condition.air()));
+    let (target, outside) = (Target::level(&reference), ExogenousInputs::air(condition.air()));
     let n_step = ((SPIN_UP + COUNTED) / physics.dt).round() as u64;
     let (mut sum, mut count) = (0.0, 0_u32);
     for k in 0..n_step {

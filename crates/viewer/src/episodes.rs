@@ -7,7 +7,7 @@ use omnidrones::controllers::Reference;
 use omnidrones::controllers::reference::{Carried, LoadPath};
 use omnidrones::dynamics::Plant;
 use omnidrones::error::Result;
-use omnidrones::tasks::{Column, Env, Spec, Watched};
+use omnidrones::tasks::{Column, Env, EvaluationStep, Spec};
 
 /// Room between systems that are drawn beside each other, m.
 const ROOM: f64 = 1.0;
@@ -63,7 +63,7 @@ impl Episodes {
     ///
     /// # Errors
     /// As of [`Env::state`].
-    pub fn see(&mut self, watched: &Watched<'_>) -> Result<bool> {
+    pub fn see(&mut self, watched: &EvaluationStep<'_>) -> Result<bool> {
         if watched.step == 1 {
             self.begin(watched.env)?;
         }
@@ -145,7 +145,7 @@ impl Episodes {
         Ok(env.state(i)?.iter().map(|x| f64::from(*x)).collect())
     }
 
-    fn moment(&self, watched: &Watched<'_>, i: usize, time: f64) -> Result<Moment> {
+    fn moment(&self, watched: &EvaluationStep<'_>, i: usize, time: f64) -> Result<Moment> {
         let state = self.state(watched.env, i)?;
         let width = self.spec.info.len();
         let goals = self.recording.as_ref().map_or(0, |r| r.actors[i].goals);
@@ -162,7 +162,7 @@ impl Episodes {
     }
 
     /// Tells why an episode ended early.
-    fn end(&mut self, i: usize, watched: &Watched<'_>) {
+    fn end(&mut self, i: usize, watched: &EvaluationStep<'_>) {
         let Some(recording) = &mut self.recording else { return };
         let Some(reason) = self.spec.column(Column::Reason) else { return };
         let reason = watched.out.info[i * self.spec.info.len() + reason] as usize;

@@ -4,7 +4,7 @@ use super::look::Look;
 use super::recording::{Actor, BETWEEN, Ended, Event, MAX_FRAMES, Measure, Moment, Mount, Recording, View};
 use omnidrones::controllers::{Flight, FlightPlan};
 use omnidrones::dynamics::Plant;
-use omnidrones::dynamics::sensors::{Model, SensorConfig};
+use omnidrones::dynamics::sensors::{SensorConfig, SensorModel};
 
 /// A flight along its reference: the reference is the target, rotors that fail are told.
 pub fn flight(plant: &Plant, flight: &Flight, plan: &FlightPlan) -> Recording {
@@ -39,8 +39,8 @@ fn mount(sensor: &SensorConfig, look: &Look, plant: &Plant) -> Option<Mount> {
     // a vehicle alone is one body
     let body = look.bodies.iter().position(|body| body.name == on).or((look.n_body() == 1).then_some(0))?;
     let view = match &sensor.model {
-        Model::Range(range) => Some(View { angle: range.cone, corners: 0, reach: range.farthest }),
-        Model::Flow(flow) => Some(View { angle: flow.aperture, corners: 4, reach: flow.farthest }),
+        SensorModel::Range(range) => Some(View { angle: range.cone, corners: 0, reach: range.farthest }),
+        SensorModel::Flow(flow) => Some(View { angle: flow.aperture, corners: 4, reach: flow.farthest }),
         _ => None,
     };
     Some(Mount { name: sensor.name.clone(), body, position: sensor.position, rotation: sensor.rotation, view })

@@ -12,7 +12,7 @@ use omnidrones::controllers::{
 use omnidrones::dynamics::configurations::environment::vehicle_in;
 use omnidrones::dynamics::scene::Generator;
 use omnidrones::dynamics::{Effects, Physics, Plant, configurations, vehicles};
-use omnidrones::tasks::{Autoreset, Baseline, Buffers, Env, EnvConfig, Watched, evaluate};
+use omnidrones::tasks::{Autoreset, Baseline, Buffers, Env, EnvConfig, EvaluationStep, evaluate};
 use omnidrones_viewer::{Episodes, Moment, Recording, Server, flight, page};
 use serde_json::Value;
 use std::cell::RefCell;
@@ -189,7 +189,7 @@ fn episodes(task: &str, n: usize, horizon: u32) -> Recording {
     config.task.insert("horizon".into(), horizon.into());
     let mut env = Env::make(task, &config).unwrap();
     let mut seen = Episodes::new(&env, n).unwrap();
-    let mut see = |watched: &Watched<'_>| assert!(seen.see(watched).is_ok());
+    let mut see = |watched: &EvaluationStep<'_>| assert!(seen.see(watched).is_ok());
     // what no controller of ours can fly is left to chance
     let mut chance = |env: &Env, _: &Buffers, actions: &mut [f32]| {
         env.sample(7, actions);

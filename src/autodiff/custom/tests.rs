@@ -3,7 +3,8 @@ use crate::jet::Jet;
 use crate::lanes::{Kernel, Lanes, dispatch_each};
 use crate::program::BLOCK;
 use crate::{
-    BatchRollout, Bounds, JacobianScratch, Objective, Program, Recording, Rollout, System, Trace, certify, jacobian,
+    BatchRollout, CertificateBounds, JacobianScratch, Objective, Program, Recording, Rollout, System, Trace, certify,
+    jacobian,
 };
 use base::parallel::Threads;
 use nalgebra::Const;
@@ -334,7 +335,7 @@ fn a_rollout_through_called_functions_has_the_gradient_of_the_written_ones() {
 fn the_certificate_holds_for_a_system_that_calls_and_not_for_a_wrong_derivative() {
     let certificate = certify(&Particle(called()), &[0.3, -0.4, 0.6], &[0.1], &[0.9]).unwrap();
     println!("{certificate}");
-    assert!(certificate.holds(Bounds::default()), "{certificate}");
+    assert!(certificate.holds(CertificateBounds::default()), "{certificate}");
 
     /// `Solve` whose reverse forgets to transpose.
     struct Wrong;
@@ -357,7 +358,7 @@ fn the_certificate_holds_for_a_system_that_calls_and_not_for_a_wrong_derivative(
     }
     let wrong = Way::Called { swirl: Operation::new(Swirl::default()), solve: Operation::new(Wrong) };
     let certificate = certify(&Particle(wrong), &[0.3, -0.4, 0.6], &[0.1], &[0.9]).unwrap();
-    assert!(!certificate.holds(Bounds::default()), "{certificate}");
+    assert!(!certificate.holds(CertificateBounds::default()), "{certificate}");
 }
 
 #[test]
@@ -598,7 +599,7 @@ fn an_implicit_step_and_a_custom_function_give_one_derivative_of_a_linear_system
     println!("worst {error:.1e}");
     assert!(error <= 1e-15, "{error:e}"); // measured 5.6e-17
     for certificate in [certify(&custom, &z, &[], &[]).unwrap(), certify(&implicit, &z, &[], &[]).unwrap()] {
-        assert!(certificate.holds(Bounds::default()), "{certificate}");
+        assert!(certificate.holds(CertificateBounds::default()), "{certificate}");
     }
 }
 

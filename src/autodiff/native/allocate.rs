@@ -8,7 +8,7 @@ mod calls;
 
 use self::calls::{Functions, Signature, reach};
 use super::instruction::*;
-use super::layout::{Layout, Place};
+use super::layout::{Place, RowLayout};
 use super::lower::{Do, Lowered, Of, Operand, Step};
 use std::collections::HashMap;
 use std::ops::Range;
@@ -72,7 +72,7 @@ pub(super) struct Ends {
 }
 
 impl Ends {
-    fn of_layout(layout: &Layout) -> Self {
+    fn of_layout(layout: &RowLayout) -> Self {
         let rows = |places: &[Place]| places.iter().map(|place| Mem::Row(*place)).collect();
         Self { arguments: rows(layout.arguments()), results: rows(layout.results()) }
     }
@@ -88,7 +88,7 @@ impl Ends {
 }
 
 /// Gives registers to a program, whose arguments and results lie as `layout` says, and to its functions behind it.
-pub(super) fn allocate(lowered: &mut [Lowered], layout: &Layout, target: Target) -> Vec<Allocated> {
+pub(super) fn allocate(lowered: &mut [Lowered], layout: &RowLayout, target: Target) -> Vec<Allocated> {
     let signatures: Vec<Signature> = lowered[1..].iter().map(Signature::of).collect();
     let reach = reach(lowered);
     let all = lowered.iter_mut().zip(0_u32..);

@@ -2,7 +2,7 @@
 
 use super::allocate::allocate;
 use super::executable::Row;
-use super::layout::{Layout, MAX_ROWS, Rows};
+use super::layout::{MAX_ROWS, RowLayout, Rows};
 use super::lower::{Callee, Element, Lowered, lower};
 use super::memory::{self, Needs, PerProcess};
 use super::x86::{Encoded, Shape, encode};
@@ -35,7 +35,7 @@ pub struct Code(Arc<Native>);
 
 impl Code {
     /// Of a program for rows of a kind.
-    pub(super) fn of<R: Row>(form: &Arc<ValueForm>, layout: &Layout) -> Result<Self, WhyInterpreted> {
+    pub(super) fn of<R: Row>(form: &Arc<ValueForm>, layout: &RowLayout) -> Result<Self, WhyInterpreted> {
         Native::of(form, layout, shape(R::ELEMENT, R::N == 1), size_of::<R>()).map(Self)
     }
 
@@ -85,7 +85,7 @@ impl Code {
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 struct Key {
     form: Arc<ValueForm>,
-    layout: Layout,
+    layout: RowLayout,
     shape: Shape,
     stride: usize,
 }
@@ -109,7 +109,7 @@ impl Key {
 
 impl Native {
     /// The code of a program, made now or found.
-    fn of(form: &Arc<ValueForm>, layout: &Layout, shape: Shape, stride: usize) -> Result<Arc<Self>, WhyInterpreted> {
+    fn of(form: &Arc<ValueForm>, layout: &RowLayout, shape: Shape, stride: usize) -> Result<Arc<Self>, WhyInterpreted> {
         let key = Key { form: form.clone(), layout: layout.clone(), shape, stride };
         let hash = key.hash();
         // compared, and let go, when the lock is free again: the last share takes the lock to be forgotten
@@ -170,7 +170,7 @@ impl Native {
 
 /// The bytes of a program.
 #[cfg(test)]
-pub(super) fn bytes(form: &ValueForm, layout: &Layout, element: Element, is_single: bool) -> Vec<u8> {
+pub(super) fn bytes(form: &ValueForm, layout: &RowLayout, element: Element, is_single: bool) -> Vec<u8> {
     let shape = shape(element, is_single);
     let mut lowered = lower(form, element).unwrap();
     let allocated = allocate(&mut lowered, layout, shape.target());

@@ -2,7 +2,7 @@
 
 use super::WhyInterpreted;
 use super::executable::Row;
-use super::layout::{Layout, Rows};
+use super::layout::{RowLayout, Rows};
 use crate::columns::Lines;
 use crate::program::ValueForm;
 use std::ops::Range;
@@ -13,7 +13,7 @@ use std::sync::{Arc, OnceLock};
 pub(crate) enum Code {}
 
 impl Code {
-    pub(super) fn of<R: Row>(_: &Arc<ValueForm>, _: &Layout) -> Result<Self, WhyInterpreted> {
+    pub(super) fn of<R: Row>(_: &Arc<ValueForm>, _: &RowLayout) -> Result<Self, WhyInterpreted> {
         Err(WhyInterpreted::System)
     }
     pub(crate) fn slots(&self) -> Lines {

@@ -1,6 +1,6 @@
 //! A program that works on rows where they are, by machine code or by the interpreter.
 
-use super::layout::{Layout, Rows};
+use super::layout::{RowLayout, Rows};
 use super::lower::Element;
 use super::{Code, WhyInterpreted, code};
 use crate::columns::{BLOCK, LINE, Lines};
@@ -60,18 +60,18 @@ pub struct Work<R> {
     interpreted: Option<(Interpreted, Vec<R>, Vec<R>)>,
 }
 
-/// A program for rows of one kind, whose arguments and results lie as a [`Layout`] says.
+/// A program for rows of one kind, whose arguments and results lie as a [`RowLayout`] says.
 ///
 /// ```
 /// # use omnidrones_autodiff::omnidrones;
-/// use omnidrones::autodiff::native::{Executable, Layout, Place, Rows};
+/// use omnidrones::autodiff::native::{Executable, RowLayout, Place, Rows};
 /// use omnidrones::autodiff::{Program, Recording, Scalar, Trace};
 ///
 /// // (x, v) of a falling stone, in place: x += v·0.1, v −= 0.981
 /// let c = Trace::constant;
 /// let recording = Recording::of(2, |z| vec![z[0] + z[1] * c(0.1), z[1] - c(0.981)]);
 /// let rows = vec![Place { array: 0, row: 0 }, Place { array: 0, row: 1 }];
-/// let fall = Executable::new(&Program::compile(&recording)?, Layout::new(rows.clone(), rows)?)?;
+/// let fall = Executable::new(&Program::compile(&recording)?, RowLayout::new(rows.clone(), rows)?)?;
 /// let (mut state, mut work) = ([10.0, 0.0], fall.work());
 /// for _ in 0..2 {
 ///     fall.run(&mut work, &mut [Rows::Write(&mut state)], 1)?;
@@ -83,7 +83,7 @@ pub struct Work<R> {
 #[doc(hidden)]
 pub struct Executable<R> {
     program: Program,
-    layout: Layout,
+    layout: RowLayout,
     code: std::result::Result<Code, WhyInterpreted>,
     rows: PhantomData<R>,
 }
@@ -93,7 +93,7 @@ impl<R: Row> Executable<R> {
     ///
     /// # Errors
     /// [`Error::Value`] for a layout of another number of arguments or results.
-    pub fn new(program: &Program, layout: Layout) -> Result<Self> {
+    pub fn new(program: &Program, layout: RowLayout) -> Result<Self> {
         let (n, m) = (layout.arguments().len(), layout.results().len());
         if (n, m) != (program.n_input(), program.n_output()) {
             let limit = format!("of {} and {}, as the program has", program.n_input(), program.n_output());

@@ -47,7 +47,7 @@ impl<R> Rows<'_, R> {
 /// the last time.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 #[doc(hidden)]
-pub struct Layout {
+pub struct RowLayout {
     /// Rows that an array has at least.
     n_row: Vec<u32>,
     /// Whether results are written to an array.
@@ -56,7 +56,7 @@ pub struct Layout {
     results: Vec<Place>,
 }
 
-impl Layout {
+impl RowLayout {
     /// Arguments and results at these places.
     ///
     /// # Errors

@@ -4,7 +4,7 @@
 use super::MAX_STEPS;
 use crate::custom::Operation;
 use crate::polynomials::*;
-use crate::program::{self, Action, Op, Source, Tape, Value, ValueForm};
+use crate::program::{self, InstructionKind, Op, Source, Tape, Value, ValueForm};
 use crate::quick::QuickMap;
 use std::f64::consts::{FRAC_2_PI, FRAC_PI_2, FRAC_PI_4, LOG2_E, PI};
 use std::sync::Arc;
@@ -224,11 +224,11 @@ impl Lowering<'_> {
                 return None;
             }
             match instruction.action {
-                Action::Op(op, operands) => {
+                InstructionKind::Op(op, operands) => {
                     let operands = operands.map(|value| place[value.index()]);
                     self.op(op, operands, &mut place);
                 }
-                Action::Call(number) => {
+                InstructionKind::Call(number) => {
                     let call = &form.calls()[number];
                     let operands = call.operands.iter().map(|value| place[value.index()]).collect();
                     let callee = match &call.callee {

@@ -6,7 +6,7 @@
 //! | `instruction`, `allocate` | what a processor does, with registers by furthest next use |
 //! | `x86` | the encoder |
 //! | `memory` | executable memory, and the call into it |
-//! | [`layout`](Layout) | where arguments and results lie |
+//! | [`layout`](RowLayout) | where arguments and results lie |
 //! | `policy` | when code is made |
 //!
 //! An [`Executable`] works on rows where they are. Where code may not be made it interprets, with the same bits, and
@@ -34,7 +34,7 @@ mod x86;
 #[doc(hidden)]
 pub use executable::WIDEST;
 pub use executable::{Executable, Row, Work};
-pub use layout::{Layout, MAX_ARRAYS, MAX_ROWS, Place, Rows};
+pub use layout::{MAX_ARRAYS, MAX_ROWS, Place, RowLayout, Rows};
 
 #[cfg(all(target_arch = "x86_64", target_os = "linux", not(miri)))]
 #[doc(hidden)]
@@ -126,7 +126,7 @@ pub fn instructions() -> String {
 }
 
 /// Machine code of a program for rows of a kind, made now or found.
-pub(crate) fn code<R: Row>(form: &Arc<ValueForm>, layout: &Layout) -> Result<Code, WhyInterpreted> {
+pub(crate) fn code<R: Row>(form: &Arc<ValueForm>, layout: &RowLayout) -> Result<Code, WhyInterpreted> {
     availability()?;
     // constants are rounded here
     in_standard_modes(|| Code::of::<R>(form, layout))

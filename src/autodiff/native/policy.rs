@@ -18,7 +18,7 @@ pub(crate) const MAX_SIDE_BY_SIDE: usize = 6_000;
 
 /// What an evaluation is without machine code.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Instead {
+pub enum Fallback {
     /// Interpreted, of one point.
     Interpreted,
     /// Interpreted over a block of environments.
@@ -29,7 +29,7 @@ pub enum Instead {
     Swept,
 }
 
-impl Instead {
+impl Fallback {
     /// Evaluations that gain at least as much as making an instruction costs. Measured on Zen 3 for steps and adjoints of rigid vehicles
     /// and of `payload`: 210 to 355 points, 62 to 105 blocks; 1000 to 1400 compiled steps and steps of a sweep.
     const fn n_even(self) -> u64 {
@@ -45,7 +45,7 @@ impl Instead {
 const FIXED: u64 = 50;
 
 /// Whether so many evaluations of so many instructions gain more than their code costs.
-pub(crate) fn pays(instead: Instead, n_instruction: usize, n_evaluation: u64) -> bool {
+pub(crate) fn pays(instead: Fallback, n_instruction: usize, n_evaluation: u64) -> bool {
     let n = n_instruction as u64;
     n_evaluation.saturating_mul(n) >= instead.n_even().saturating_mul(n + FIXED)
 }
@@ -79,7 +79,7 @@ impl<T: Clone> OnDemand<T> {
     #[doc(hidden)]
     pub fn ask(
         &self,
-        instead: Instead,
+        instead: Fallback,
         n_instruction: usize,
         n_evaluation: u64,
         make: impl FnOnce() -> Result<T, WhyInterpreted>,
@@ -105,7 +105,7 @@ mod tests {
 
     #[test]
     fn code_is_made_when_the_count_of_evaluations_says_so_and_then_once() {
-        for instead in [Instead::Interpreted, Instead::InterpretedBlock, Instead::Compiled, Instead::Swept] {
+        for instead in [Fallback::Interpreted, Fallback::InterpretedBlock, Fallback::Compiled, Fallback::Swept] {
             let even = instead.n_even();
             for n_instruction in [1, 50, 400, 1 << 20] {
                 let enough = even * (n_instruction as u64 + FIXED) / n_instruction as u64;
@@ -116,7 +116,7 @@ mod tests {
         let place = OnDemand::<u32>::default();
         let mut n_made = 0;
         let mut ask = |n| {
-            place.ask(Instead::Interpreted, 500, n, || {
+            place.ask(Fallback::Interpreted, 500, n, || {
                 n_made += 1;
                 Ok(7)
             })
@@ -132,7 +132,7 @@ mod tests {
         let place = OnDemand::<u32>::default();
         let mut n_tried = 0;
         for _ in 0..3 {
-            let got = place.ask(Instead::Compiled, 10, 1 << 40, || {
+            let got = place.ask(Fallback::Compiled, 10, 1 << 40, || {
                 n_tried += 1;
                 Err(WhyInterpreted::TooLarge)
             });

@@ -2,7 +2,7 @@ use super::*;
 use crate::columns::{BLOCK, LINE};
 use crate::custom::{CustomFunction, Operation};
 use crate::lanes::{Set, with_set};
-use crate::program::{Action, CallOf, Callee, Instruction, Op, Program, Tape, Value, ValueForm};
+use crate::program::{CallOf, Callee, Instruction, InstructionKind, Op, Program, Tape, Value, ValueForm};
 use rng::{Purpose, Stream};
 use std::sync::Arc;
 
@@ -96,7 +96,7 @@ fn random_form_of(r: &mut Stream, n_most: u64, functions: &[Arc<ValueForm>]) -> 
         let operands = [any(), any(), any(), any()];
         if has_calls && r.below(12) == 0 {
             let first = form.next(3);
-            form.instructions.push(Instruction { action: Action::Call(form.calls.len()), first });
+            form.instructions.push(Instruction { action: InstructionKind::Call(form.calls.len()), first });
             let callee = Callee::Custom(operation.clone());
             form.calls.push(CallOf { callee, operands: operands[..2].to_vec() });
             continue;
@@ -107,7 +107,7 @@ fn random_form_of(r: &mut Stream, n_most: u64, functions: &[Arc<ValueForm>]) -> 
             // numbers side by side: what a function left, or what this one is given
             let n_tape = function.tape.n_input();
             let begin = r.below(n.saturating_sub(n_tape as u64) + 1) as u32;
-            let tapes = form.instructions.iter().filter(|i| matches!(i.action, Action::Call(_)));
+            let tapes = form.instructions.iter().filter(|i| matches!(i.action, InstructionKind::Call(_)));
             let begin = tapes.map(|i| i.first.0 + r.below(3) as u32).last().unwrap_or(begin);
             if r.below(2) == 0 && u64::from(begin) + n_tape as u64 <= n {
                 let at = function.n_input - n_tape;
@@ -115,20 +115,20 @@ fn random_form_of(r: &mut Stream, n_most: u64, functions: &[Arc<ValueForm>]) -> 
                 operands.extend((begin..begin + n_tape as u32).map(Value));
             }
             let first = form.next(function.results.len() as u32);
-            form.instructions.push(Instruction { action: Action::Call(form.calls.len()), first });
+            form.instructions.push(Instruction { action: InstructionKind::Call(form.calls.len()), first });
             form.calls.push(CallOf { callee: Callee::Function(function), operands });
             continue;
         }
         let ops = if is_smooth { 17 } else { Op::ALL.len() as u64 };
         let op = if r.below(3) == 0 { Op::MulAdd } else { Op::ALL[r.below(ops) as usize] };
         let first = form.next(op.n_result() as u32);
-        form.instructions.push(Instruction { action: Action::Op(op, operands), first });
+        form.instructions.push(Instruction { action: InstructionKind::Op(op, operands), first });
     }
     let n_result = 1 + r.below(12);
     form.results = (0..n_result).map(|_| Value(r.below(form.n_value as u64) as u32)).collect();
     // results of the last call in their order
     if r.below(2) == 0
-        && let Some(call) = form.instructions.iter().rfind(|i| matches!(i.action, Action::Call(_)))
+        && let Some(call) = form.instructions.iter().rfind(|i| matches!(i.action, InstructionKind::Call(_)))
     {
         let n = form.n_result_of(call) as u32;
         form.results.extend((call.first.0..call.first.0 + n).map(Value));
@@ -137,7 +137,7 @@ fn random_form_of(r: &mut Stream, n_most: u64, functions: &[Arc<ValueForm>]) -> 
 }
 
 /// Results over arguments, beside them or in another array, in any order.
-fn random_layout(seed: u64, n_argument: usize, n_result: usize) -> Layout {
+fn random_layout(seed: u64, n_argument: usize, n_result: usize) -> RowLayout {
     let mut r = draws(seed ^ 0x5A5A);
     let n_array = 1 + r.below(4) as u32;
     let n_row = (n_argument + n_result) as u64;
@@ -151,7 +151,7 @@ fn random_layout(seed: u64, n_argument: usize, n_result: usize) -> Layout {
             results.push(candidate);
         }
     }
-    Layout::new(arguments, results).unwrap()
+    RowLayout::new(arguments, results).unwrap()
 }
 
 mod forms;
@@ -218,7 +218,7 @@ fn culprit<R: Tested>(form: &ValueForm, inputs: &[R], n: usize) -> String {
         for k in 0..form.n_result_of(instruction) as u32 {
             let alone = ValueForm { results: vec![Value(instruction.first.0 + k)], ..form.clone() };
             let program = Program::of_calls(alone);
-            let executable = Executable::<R>::new(&program, Layout::apart(inputs.len(), 1)).unwrap();
+            let executable = Executable::<R>::new(&program, RowLayout::apart(inputs.len(), 1)).unwrap();
             let (want, mut got) = (R::interpreter(&program, inputs, n), [R::zeroed()]);
             executable.run(&mut executable.work(), &mut [Rows::Read(inputs), Rows::Write(&mut got)], n).unwrap();
             if let Some(lane) = want[0].differs(&got[0], n) {
@@ -286,7 +286,7 @@ fn is_made() -> bool {
 }
 
 /// The layout of the random program of this seed.
-fn random_layout_of(seed: u64) -> Layout {
+fn random_layout_of(seed: u64) -> RowLayout {
     let form = random_form(seed);
     random_layout(seed, form.n_input, form.results.len())
 }

@@ -4,7 +4,7 @@
 //! register of the caller's changed that the System V convention keeps, no change of MXCSR, `vzeroupper` before every call and return.
 
 use super::instruction::*;
-use super::layout::{Layout, MAX_ARRAYS};
+use super::layout::{MAX_ARRAYS, RowLayout};
 use super::lower::{Do, Element};
 use super::memory::frame;
 use std::collections::HashMap;
@@ -104,7 +104,7 @@ pub(super) struct Encoded {
 pub(super) fn encode(
     parts: &[Allocated],
     shape: Shape,
-    layout: &Layout,
+    layout: &RowLayout,
     stride: usize,
     call_rows: usize,
     passed: &[usize],

@@ -2,8 +2,8 @@
 
 use super::{BLOCK, BlockWorkspace, Program};
 use crate::columns::Lines;
-use crate::native::policy::{Instead, OnDemand};
-use crate::native::{Code, Layout, Place, Rows, WhyInterpreted, code};
+use crate::native::policy::{Fallback, OnDemand};
+use crate::native::{Code, Place, RowLayout, Rows, WhyInterpreted, code};
 
 type Row = [f32; BLOCK];
 
@@ -12,7 +12,7 @@ type Row = [f32; BLOCK];
 pub struct InPlace {
     program: Program,
     /// Why not: results share a place, or are too far.
-    layout: Result<Layout, WhyInterpreted>,
+    layout: Result<RowLayout, WhyInterpreted>,
     results: Vec<Place>,
     code: OnDemand<Code>,
 }
@@ -29,7 +29,7 @@ impl InPlace {
     #[doc(hidden)]
     pub fn new(program: Program, results: Vec<Place>) -> Self {
         let arguments = (0..program.n_input() as u32).map(|row| Place { array: 0, row }).collect();
-        let layout = Layout::new(arguments, results.clone()).map_err(|_| WhyInterpreted::TooLarge);
+        let layout = RowLayout::new(arguments, results.clone()).map_err(|_| WhyInterpreted::TooLarge);
         Self { program, layout, results, code: OnDemand::default() }
     }
 
@@ -42,7 +42,7 @@ impl InPlace {
     #[doc(hidden)]
     pub fn work_for(&self, n_evaluation: u64) -> InPlaceWork {
         let make = || code::<Row>(self.program.arranged(), self.layout.as_ref().map_err(|why| *why)?);
-        match self.code.ask(Instead::InterpretedBlock, self.program.len(), n_evaluation, make) {
+        match self.code.ask(Fallback::InterpretedBlock, self.program.len(), n_evaluation, make) {
             Some(code) => InPlaceWork::Native(code.clone(), code.slots()),
             None => {
                 let workspace = Box::new(self.program.interpreter_block_workspace());
@@ -63,7 +63,7 @@ impl InPlace {
         match work {
             InPlaceWork::Native(code, slots) => {
                 let arrays = &mut [Rows::Write(first), Rows::Write(second)];
-                let n_array = self.layout.as_ref().map_or(0, Layout::n_array);
+                let n_array = self.layout.as_ref().map_or(0, RowLayout::n_array);
                 assert!(code.run(slots, &mut arrays[..n_array], n), "rows of a program");
             }
             InPlaceWork::Interpreted(workspace, results) => {

@@ -1,6 +1,6 @@
 //! Which functions are called, and which are computed where they are called. Bits do not depend on it: fusions were decided inside.
 
-use super::value::{Action, CallOf, Callee, Instruction, Op, Value, ValueForm};
+use super::value::{CallOf, Callee, Instruction, InstructionKind, Op, Value, ValueForm};
 use crate::quick::QuickMap;
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -64,9 +64,9 @@ struct Flat<'a> {
     stays: &'a Stays,
     form: ValueForm,
     constants: QuickMap<u64, Value>,
-    known: QuickMap<Action, Value>,
+    known: QuickMap<InstructionKind, Value>,
     /// Comparisons by their truth values.
-    comparisons: QuickMap<Value, Action>,
+    comparisons: QuickMap<Value, InstructionKind>,
     called: HashMap<CallOf, Value>,
 }
 
@@ -113,7 +113,7 @@ impl<'a> Flat<'a> {
         place.extend(form.constants.iter().map(|bits| self.constants[bits]));
         for instruction in &form.instructions {
             match instruction.action {
-                Action::Op(op, operands) => {
+                InstructionKind::Op(op, operands) => {
                     let mut operands = operands.map(|value| place[value.index()]);
                     // what is not read does not tell instructions apart
                     let first = operands[0];
@@ -131,7 +131,7 @@ impl<'a> Flat<'a> {
                     });
                     place.extend((0..n).map(|k| Value(first.0 + k)));
                 }
-                Action::Call(number) => {
+                InstructionKind::Call(number) => {
                     let CallOf { callee, operands } = &form.calls[number];
                     let operands: Vec<Value> = operands.iter().map(|value| place[value.index()]).collect();
                     let results = self.call(callee, operands);
@@ -143,13 +143,13 @@ impl<'a> Flat<'a> {
     }
 
     /// A choice by a comparison is one instruction, to the same bits.
-    fn without_truth(&self, op: Op, operands: [Value; 4]) -> Action {
+    fn without_truth(&self, op: Op, operands: [Value; 4]) -> InstructionKind {
         if op == Op::Select
-            && let Some(Action::Op(Op::Less, [x, y, ..])) = self.comparisons.get(&operands[2])
+            && let Some(InstructionKind::Op(Op::Less, [x, y, ..])) = self.comparisons.get(&operands[2])
         {
-            return Action::Op(Op::SelectLess, [*x, *y, operands[0], operands[1]]);
+            return InstructionKind::Op(Op::SelectLess, [*x, *y, operands[0], operands[1]]);
         }
-        Action::Op(op, operands)
+        InstructionKind::Op(op, operands)
     }
 
     fn call(&mut self, callee: &Callee, operands: Vec<Value>) -> Vec<Value> {
@@ -166,7 +166,7 @@ impl<'a> Flat<'a> {
         let call = CallOf { callee, operands };
         let first = self.called.get(&call).copied().unwrap_or_else(|| {
             let first = self.form.next(n);
-            self.form.instructions.push(Instruction { action: Action::Call(self.form.calls.len()), first });
+            self.form.instructions.push(Instruction { action: InstructionKind::Call(self.form.calls.len()), first });
             self.form.calls.push(call.clone());
             self.called.insert(call, first);
             first

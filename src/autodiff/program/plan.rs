@@ -1,6 +1,6 @@
 //! From a recorded graph to values: dead nodes dropped, products fused into sums, comparisons into selections.
 
-use super::value::{Action, CallOf, Callee, Instruction, Op, Tape, Value, ValueForm};
+use super::value::{CallOf, Callee, Instruction, InstructionKind, Op, Tape, Value, ValueForm};
 use crate::trace::{self, Arithmetic, Node, Recording};
 use std::collections::HashMap;
 
@@ -217,7 +217,7 @@ impl<'a> Planner<'a> {
                     let made = if op == Op::SinCos { angles.get(&operands[0]).copied() } else { None };
                     let first = made.unwrap_or_else(|| {
                         let first = form.next(op.n_result() as u32);
-                        form.instructions.push(Instruction { action: Action::Op(op, operands), first });
+                        form.instructions.push(Instruction { action: InstructionKind::Op(op, operands), first });
                         first
                     });
                     if op == Op::SinCos {
@@ -236,7 +236,7 @@ impl<'a> Planner<'a> {
                     let n_result = callee.n_output() as u32;
                     let first = form.next(n_result);
                     (0..n_result).for_each(|k| place[(node + 1 + k) as usize] = Value(first.0 + k));
-                    form.instructions.push(Instruction { action: Action::Call(form.calls.len()), first });
+                    form.instructions.push(Instruction { action: InstructionKind::Call(form.calls.len()), first });
                     form.calls.push(CallOf { callee, operands });
                 }
             }

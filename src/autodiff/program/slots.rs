@@ -1,7 +1,7 @@
 //! From values to what the interpreter runs: an order, and slots by liveness so that the working set stays in cache.
 
 use super::runs::{Neutral, grouped};
-use super::value::{Action, Callee, Op, Value, ValueForm};
+use super::value::{Callee, InstructionKind, Op, Value, ValueForm};
 use super::{Body, Call, Called, Interpreter, Placed};
 use std::collections::{HashMap, VecDeque};
 use std::sync::Arc;
@@ -71,8 +71,8 @@ fn schedule(form: &ValueForm) -> Vec<u32> {
         maker[first..first + form.n_result_of(instruction)].fill(k as u32);
     }
     let kind = |k: u32| match form.instructions[k as usize].action {
-        Action::Op(op, _) if op.is_sum() => 0,
-        Action::Op(Op::SelectLess, _) => 1,
+        InstructionKind::Op(op, _) if op.is_sum() => 0,
+        InstructionKind::Op(Op::SelectLess, _) => 1,
         _ => 2,
     };
     let (mut waits, mut readers) = (vec![0u32; n], vec![Vec::new(); n]);
@@ -127,8 +127,10 @@ impl<'a> Slots<'a> {
         for (time, number) in order.iter().enumerate() {
             let instruction = &form.instructions[*number as usize];
             match instruction.action {
-                Action::Op(op, operands) => instructions.push(self.place(op, operands, instruction.first, time)),
-                Action::Call(number) => {
+                InstructionKind::Op(op, operands) => {
+                    instructions.push(self.place(op, operands, instruction.first, time))
+                }
+                InstructionKind::Call(number) => {
                     let call = self.place_call(number, instruction.first, time, instructions.len());
                     calls.push(call);
                 }

@@ -22,7 +22,7 @@ fn run_f64(program: &Program, inputs: &[f64]) -> Vec<f64> {
 
 fn ops(program: &Program) -> Vec<Op> {
     {
-        let op = |i: &Instruction| if let Action::Op(op, _) = i.action { Some(op) } else { None };
+        let op = |i: &Instruction| if let InstructionKind::Op(op, _) = i.action { Some(op) } else { None };
         program.value_form().instructions().iter().filter_map(op).collect()
     }
 }

@@ -144,7 +144,7 @@ pub enum Source {
 
 /// What makes values of values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Action {
+pub enum InstructionKind {
     /// An operation on the first [`n_operand`](Op::n_operand) of these.
     Op(Op, [Value; 4]),
     /// The call of this number, see [`ValueForm::calls`].
@@ -155,7 +155,7 @@ pub enum Action {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Instruction {
     /// What it does.
-    pub action: Action,
+    pub action: InstructionKind,
     /// Its first result.
     pub first: Value,
 }
@@ -273,7 +273,7 @@ impl ValueForm {
         &self.instructions
     }
 
-    /// Functions with their arguments, by the numbers that [`Action::Call`] has.
+    /// Functions with their arguments, by the numbers that [`InstructionKind::Call`] has.
     pub fn calls(&self) -> &[CallOf] {
         &self.calls
     }
@@ -297,16 +297,16 @@ impl ValueForm {
     /// What an instruction reads.
     pub fn operands<'a>(&'a self, instruction: &'a Instruction) -> &'a [Value] {
         match &instruction.action {
-            Action::Op(op, operands) => &operands[..op.n_operand()],
-            Action::Call(number) => &self.calls[*number].operands,
+            InstructionKind::Op(op, operands) => &operands[..op.n_operand()],
+            InstructionKind::Call(number) => &self.calls[*number].operands,
         }
     }
 
     /// How many results an instruction has.
     pub fn n_result_of(&self, instruction: &Instruction) -> usize {
         match instruction.action {
-            Action::Op(op, _) => op.n_result(),
-            Action::Call(number) => self.calls[number].callee.n_output(),
+            InstructionKind::Op(op, _) => op.n_result(),
+            InstructionKind::Call(number) => self.calls[number].callee.n_output(),
         }
     }
 
@@ -382,12 +382,14 @@ impl ValueForm {
         };
         for instruction in instructions {
             let action = match instruction.action {
-                Action::Op(op, operands) => Action::Op(op, operands.map(|value| place[value.index()])),
-                Action::Call(number) => {
+                InstructionKind::Op(op, operands) => {
+                    InstructionKind::Op(op, operands.map(|value| place[value.index()]))
+                }
+                InstructionKind::Call(number) => {
                     let CallOf { callee, operands } = &self.calls[number];
                     let operands = operands.iter().map(|value| place[value.index()]).collect();
                     part.calls.push(CallOf { callee: callee.clone(), operands });
-                    Action::Call(part.calls.len() - 1)
+                    InstructionKind::Call(part.calls.len() - 1)
                 }
             };
             let n_result = self.n_result_of(instruction);
@@ -488,8 +490,8 @@ impl ValueForm {
         for instruction in &self.instructions {
             let first = instruction.first;
             match instruction.action {
-                Action::Op(op, operands) => self.fmt_op(f, op, operands, first)?,
-                Action::Call(number) => {
+                InstructionKind::Op(op, operands) => self.fmt_op(f, op, operands, first)?,
+                InstructionKind::Call(number) => {
                     let (call, n) = (&self.calls[number], self.n_result_of(instruction) as u32);
                     let arguments = Listed(self, &call.operands);
                     let called = match &call.callee {

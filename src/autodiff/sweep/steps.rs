@@ -3,8 +3,8 @@
 use super::Sweep;
 use crate::columns::{LINE, Lines};
 use crate::native::policy::MAX_SIDE_BY_SIDE;
-use crate::native::{Code, Layout, Place, Rows, WhyInterpreted, code};
-use crate::program::{Action, Instruction, Program, Source, Tape, Value, ValueForm};
+use crate::native::{Code, Place, RowLayout, Rows, WhyInterpreted, code};
+use crate::program::{Instruction, InstructionKind, Program, Source, Tape, Value, ValueForm};
 use std::sync::Arc;
 
 /// Machine code of a step's [x, u, θ], [λ⁺, 1] → [x̄, ū, θ̄].
@@ -114,9 +114,9 @@ fn rows(array: u8, n: usize) -> impl Iterator<Item = Place> {
 }
 
 /// Array 2 has the sums over θ, 3 is λ, 4 is ū.
-fn layout(arguments: impl Iterator<Item = Place>, [n, m, p]: [usize; 3]) -> Result<Layout, WhyInterpreted> {
+fn layout(arguments: impl Iterator<Item = Place>, [n, m, p]: [usize; 3]) -> Result<RowLayout, WhyInterpreted> {
     let results = rows(3, n).chain(rows(4, m)).chain(rows(2, p));
-    let layout = Layout::new(arguments.collect(), results.collect()).map_err(|_| WhyInterpreted::TooLarge)?;
+    let layout = RowLayout::new(arguments.collect(), results.collect()).map_err(|_| WhyInterpreted::TooLarge)?;
     Ok(layout)
 }
 
@@ -165,7 +165,7 @@ fn side_by_side(sweep: &Sweep, sizes: [usize; 3]) -> Result<StepsCode, WhyInterp
     let own = (0..n_weight).map(|row| Place { array: 0, row: (LINE * row) as u32 });
     let constants = (p..p + 2).map(|row| Place { array: 1, row: row as u32 });
     let layout = layout(own.chain(rows(3, n)).chain(rows(2, p)).chain(constants), sizes)?;
-    let apart = Layout::apart(weights.n_input, n_weight);
+    let apart = RowLayout::apart(weights.n_input, n_weight);
     let weights = code::<[f64; LINE]>(&Arc::new(weights), &apart)?;
     Ok(StepsCode::SideBySide { weights, n_weight, pull: code::<f64>(&Arc::new(pull), &layout)? })
 }
@@ -258,14 +258,14 @@ fn in_order(form: ValueForm, order: &[u32]) -> ValueForm {
     let mut moved =
         ValueForm { instructions: Vec::with_capacity(order.len()), n_value: form.first_computed(), ..form.clone() };
     for k in order {
-        let Instruction { action: Action::Op(op, operands), first } = form.instructions[*k as usize] else {
+        let Instruction { action: InstructionKind::Op(op, operands), first } = form.instructions[*k as usize] else {
             return form; // a sweep calls nothing
         };
         let n = op.n_result() as u32;
         let own = moved.next(n);
         (0..n).for_each(|k| place[first.index() + k as usize] = Value(own.0 + k));
         let operands = operands.map(|value| place[value.index()]);
-        moved.instructions.push(Instruction { action: Action::Op(op, operands), first: own });
+        moved.instructions.push(Instruction { action: InstructionKind::Op(op, operands), first: own });
     }
     moved.results.iter_mut().for_each(|result| *result = place[result.index()]);
     moved

@@ -4,7 +4,7 @@ use super::Sweep;
 use crate::columns::{LINE, Lines};
 use crate::lanes::{Kernel, Lanes, dispatch, lane_width};
 use crate::native::policy::MAX_WHOLE;
-use crate::native::{Code, Layout, Place, Rows, availability, code};
+use crate::native::{Code, Place, RowLayout, Rows, availability, code};
 use crate::program::{Program, Value, ValueForm};
 use crate::trace::chain::{Chain, Head};
 use base::error::Result;
@@ -50,7 +50,7 @@ impl Whole {
         let (form, parts) = form_of(sweep, chain, &groups, width)?;
         let n_row = n_input + width + form.results.len();
         let places = |rows: std::ops::Range<usize>| rows.map(|row| Place { array: 0, row: row as u32 }).collect();
-        let layout = Layout::new(places(0..n_input + width), places(n_input + width..n_row))?;
+        let layout = RowLayout::new(places(0..n_input + width), places(n_input + width..n_row))?;
         let Ok(code) = code::<[f64; LINE]>(&Arc::new(form), &layout) else { return Ok(None) };
         let mut rows = Lines::zeros(n_row);
         rows[n_input..n_input + width].iter_mut().enumerate().for_each(|(lane, row)| row[lane] = 1.0);

@@ -40,7 +40,7 @@ pub(crate) struct Chain {
 
 /// What is cheaper than what, measured by the time that an edge takes in a sweep.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Price {
+pub(crate) struct EdgeCost {
     /// Of multiplying two weights, and adding the product to a third.
     pub(crate) product: f64,
     /// Of a vertex, beside its edges.
@@ -52,7 +52,7 @@ pub(crate) struct Price {
 impl Recording {
     /// The chain rule with respect to the inputs in `with_respect_to`; nothing where a custom function is called, whose derivative
     /// is no number.
-    pub(crate) fn chain(&self, with_respect_to: Range<usize>, price: Price) -> Option<Chain> {
+    pub(crate) fn chain(&self, with_respect_to: Range<usize>, price: EdgeCost) -> Option<Chain> {
         let recording = self.inlined();
         if !recording.calls.is_empty() {
             return None;
@@ -161,7 +161,7 @@ impl Linear {
     }
 
     /// Edges saved by removing a vertex, less what its products cost.
-    fn gain(&self, vertex: usize, price: Price) -> f64 {
+    fn gain(&self, vertex: usize, price: EdgeCost) -> f64 {
         let (into, out) = (&self.into[vertex], &self.out[vertex]);
         let (mut cost, mut new) = (0.0, 0);
         for to in out {
@@ -221,7 +221,7 @@ impl Linear {
     }
 
     /// Takes vertices away while that gains, the one that gains most first.
-    fn eliminate(&mut self, price: Price) {
+    fn eliminate(&mut self, price: EdgeCost) {
         let rank = |gain: f64| (gain * 16.0) as i64;
         let mut queue: BinaryHeap<(i64, u32)> = BinaryHeap::new();
         let push = |graph: &Self, queue: &mut BinaryHeap<(i64, u32)>, vertex: usize| {

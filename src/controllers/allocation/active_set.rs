@@ -15,7 +15,7 @@ pub const FAR: f64 = 1e18;
 
 /// min ½ uᵀHu + qᵀu within bounds, for `n` of N slots, in units in which H and the bounds are of order one.
 #[derive(Debug, Clone, Copy)]
-pub struct BoxProgram<S, const N: usize> {
+pub struct BoxQp<S, const N: usize> {
     /// H, symmetric positive definite.
     pub hessian: [[S; N]; N],
     /// q.
@@ -28,14 +28,14 @@ pub struct BoxProgram<S, const N: usize> {
 
 /// How exactly to work.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Precision {
+pub struct Tolerances {
     /// Multipliers below this share of max(1, ‖q‖∞) do not free an input: rounding decides their sign.
     pub multiplier: f64,
     /// Least pivot of the factorisation over its diagonal entry: below, rounding decides.
     pub pivot: f64,
 }
 
-impl Precision {
+impl Tolerances {
     /// For `f64`.
     pub const DOUBLE: Self = Self { multiplier: 1e-12, pivot: 1e-14 };
     /// For `f32`.
@@ -70,7 +70,7 @@ impl<S: Scalar, const N: usize> Factor<S, N> {
     }
 
     /// H with rows and columns of fixed inputs replaced by those of the identity: L Lᵀ.
-    pub fn of(&mut self, n: usize, hessian: &[[S; N]; N], status: &[S; N], precision: Precision) {
+    pub fn of(&mut self, n: usize, hessian: &[[S; N]; N], status: &[S; N], precision: Tolerances) {
         let l = &mut self.lower;
         for j in 0..n {
             let free_j = is_free(status[j]);
@@ -132,7 +132,7 @@ fn at_upper<S: Scalar>(status: S) -> S::Mask {
     S::constant(0.5).lt(status)
 }
 
-impl<S: Scalar, const N: usize> BoxProgram<S, N> {
+impl<S: Scalar, const N: usize> BoxQp<S, N> {
     /// Nothing yet: zero everywhere.
     #[inline]
     pub fn empty() -> Self {
@@ -178,7 +178,7 @@ impl<S: Scalar, const N: usize> BoxProgram<S, N> {
 
     /// One step. With `many`, all inputs with a wrong multiplier are freed at once, which takes fewer steps but may come
     /// back to a set it has left; else the worst alone (with its ties), after which the objective falls.
-    pub fn step(&self, n: usize, x: &mut Iterate<S, N>, factor: &mut Factor<S, N>, many: bool, precision: Precision) {
+    pub fn step(&self, n: usize, x: &mut Iterate<S, N>, factor: &mut Factor<S, N>, many: bool, precision: Tolerances) {
         let (zero, one) = (S::zero(), S::one());
         let mut p = self.gradient(n, &x.inputs);
         for i in 0..n {
@@ -210,7 +210,7 @@ impl<S: Scalar, const N: usize> BoxProgram<S, N> {
     }
 
     /// Frees inputs that their multiplier pulls off their bound, after a whole step.
-    fn release(&self, n: usize, x: &mut Iterate<S, N>, whole: S::Mask, many: bool, precision: Precision) {
+    fn release(&self, n: usize, x: &mut Iterate<S, N>, whole: S::Mask, many: bool, precision: Tolerances) {
         let zero = S::zero();
         let g = self.gradient(n, &x.inputs);
         let mut pull = [zero; N];
@@ -244,7 +244,7 @@ impl<S: Scalar, const N: usize> BoxProgram<S, N> {
     /// ```
     ///
     /// One-sided where a multiplier is zero on its bound, see [`gap`](Self::gap).
-    pub fn live(&self, n: usize, x: &Iterate<S, N>, factor: &mut Factor<S, N>, precision: Precision) -> [S; N] {
+    pub fn live(&self, n: usize, x: &Iterate<S, N>, factor: &mut Factor<S, N>, precision: Tolerances) -> [S; N] {
         let mut fixed = *x;
         let mut still = self.hessian;
         for i in 0..n {

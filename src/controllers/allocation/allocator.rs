@@ -5,7 +5,7 @@
 //! taken. Where none is, or the wrench is not finite, the last good inputs are held (within the bounds of now), and
 //! that is counted.
 
-use super::conic::Conic;
+use super::conic::ConicSolver;
 use super::fast::Fast;
 use super::gradient::AllocationSensitivity;
 use super::problem::{Problem, Scales, WRENCH, rate_window};
@@ -47,7 +47,7 @@ impl Solver {
 
 /// Why inputs were held.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Reason {
+pub enum HoldReason {
     /// The wrench holds NaN or an infinity.
     Wrench,
     /// Bounds are out of order or not numbers.
@@ -70,7 +70,7 @@ pub struct AllocationSolution {
     /// Steps of the active set or iterations of clarabel.
     pub steps: u32,
     /// Why inputs were held, if they were.
-    pub reason: Option<Reason>,
+    pub reason: Option<HoldReason>,
 }
 
 /// How often each path was taken.
@@ -92,7 +92,7 @@ impl Counts {
 with_defaults! {
     /// What an allocator may use, and how exact an answer has to be.
     #[derive(Debug, Clone, Copy, PartialEq)]
-    pub struct Settings {
+    pub struct AllocatorSettings {
         /// Largest scaled KKT residual of an answer that moves a rotor.
         pub tolerance: f64 = 1e-7,
         /// Whether the closed form and the active set are tried before clarabel.
@@ -109,9 +109,9 @@ pub struct Allocator {
     /// Bounds before rates narrow them.
     lower: Vec<f64>,
     upper: Vec<f64>,
-    settings: Settings,
+    settings: AllocatorSettings,
     fast: Option<Box<Fast>>,
-    conic: Option<Conic>,
+    conic: Option<ConicSolver>,
     last: AllocationSolution,
     /// What a solver offers before it is certified.
     trial: AllocationSolution,
@@ -122,19 +122,19 @@ pub struct Allocator {
 }
 
 impl Allocator {
-    /// With default [`Settings`].
+    /// With default [`AllocatorSettings`].
     ///
     /// # Errors
     /// As [`Problem::validate`].
     pub fn new(problem: Problem) -> Result<Self> {
-        Self::with_settings(problem, Settings::default())
+        Self::with_settings(problem, AllocatorSettings::default())
     }
 
     /// With given settings.
     ///
     /// # Errors
     /// As [`Problem::validate`].
-    pub fn with_settings(problem: Problem, settings: Settings) -> Result<Self> {
+    pub fn with_settings(problem: Problem, settings: AllocatorSettings) -> Result<Self> {
         problem.validate()?;
         let tolerance = settings.tolerance;
         if !(tolerance.is_finite() && tolerance > 0.0) {
@@ -297,7 +297,7 @@ impl Allocator {
         let reason = match self.unusable(wrench) {
             Some(reason) => Some(reason),
             None if self.try_fast(wrench) || self.try_conic(wrench) => None,
-            None => Some(Reason::Uncertified),
+            None => Some(HoldReason::Uncertified),
         };
         match reason {
             None => {
@@ -364,13 +364,13 @@ impl Allocator {
         Some((&self.problem, self.fast.as_deref()?, self.settings.tolerance))
     }
 
-    fn unusable(&self, wrench: &[f64; WRENCH]) -> Option<Reason> {
+    fn unusable(&self, wrench: &[f64; WRENCH]) -> Option<HoldReason> {
         let ordered = |(lo, hi): (&f64, &f64)| lo <= hi && *lo < f64::INFINITY && *hi > f64::NEG_INFINITY;
         if !self.problem.lower.iter().zip(&self.problem.upper).all(ordered) {
-            return Some(Reason::Bounds);
+            return Some(HoldReason::Bounds);
         }
         let sane = wrench.iter().all(|w| w.is_finite()) && self.problem.scales(wrench).gradient.is_finite();
-        (!sane).then_some(Reason::Wrench)
+        (!sane).then_some(HoldReason::Wrench)
     }
 
     /// Closed form, then active set; the answer is in `trial`.
@@ -396,7 +396,7 @@ impl Allocator {
     fn try_conic(&mut self, wrench: &[f64; WRENCH]) -> bool {
         let conic = match &mut self.conic {
             Some(conic) => Ok(conic),
-            none => Conic::new(&self.problem).map(|conic| none.insert(conic)),
+            none => ConicSolver::new(&self.problem).map(|conic| none.insert(conic)),
         };
         let Ok(offer) = conic.and_then(|conic| conic.solve(&self.problem, wrench)) else {
             self.counts.refused[2] += 1;
@@ -426,7 +426,7 @@ impl Allocator {
     }
 
     /// The last good inputs, within the bounds of now where those are in order.
-    fn hold(&mut self, reason: Reason) {
+    fn hold(&mut self, reason: HoldReason) {
         self.problem.repair(&mut self.last.inputs, &[]);
         self.last.duals.clear();
         self.last.solver = Solver::Held;

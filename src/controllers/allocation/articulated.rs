@@ -2,7 +2,7 @@
 
 use super::problem::WRENCH;
 use dynamics::spatial::{Vec3, add, axpy, cross, mat_vec, rotate_back, scale, sub};
-use dynamics::tree::{Motion, Multibody, Pose, body_poses, center_of_mass};
+use dynamics::tree::{FrameKinematics, Motion, Multibody, body_poses, center_of_mass};
 use nalgebra::DMatrix;
 
 /// B, 6 × n: the wrench `[force; moment]` of each rotor per newton of its thrust, about the instantaneous centre of mass,
@@ -20,7 +20,12 @@ pub fn wrench_matrix(system: &Multibody, state: &[f64]) -> DMatrix<f64> {
 }
 
 /// As [`wrench_matrix`], with the poses of the state.
-pub(crate) fn wrench_matrix_into(system: &Multibody, state: &[f64], poses: &[Pose<f64>], matrix: &mut DMatrix<f64>) {
+pub(crate) fn wrench_matrix_into(
+    system: &Multibody,
+    state: &[f64],
+    poses: &[FrameKinematics<f64>],
+    matrix: &mut DMatrix<f64>,
+) {
     let (center, root) = (center_of_mass(system, state), attitude(system, state));
     for (j, mounted) in system.model().rotors().iter().enumerate() {
         let (rotor, pose) = (&mounted.rotor, &poses[mounted.body]);
@@ -39,7 +44,7 @@ pub fn composite_inertia(system: &Multibody, state: &[f64]) -> [[f64; 3]; 3] {
 }
 
 /// As [`composite_inertia`], with the poses of the state.
-pub(crate) fn composite_inertia_at(system: &Multibody, state: &[f64], poses: &[Pose<f64>]) -> [[f64; 3]; 3] {
+pub(crate) fn composite_inertia_at(system: &Multibody, state: &[f64], poses: &[FrameKinematics<f64>]) -> [[f64; 3]; 3] {
     let (center, root) = (center_of_mass(system, state), attitude(system, state));
     let mut total = [[0.0; 3]; 3];
     for (body, pose) in system.model().bodies().iter().zip(poses).filter(|(b, _)| b.mass > 0.0) {
@@ -72,7 +77,7 @@ pub fn resistance(system: &Multibody, state: &[f64]) -> [[f64; 3]; 3] {
 }
 
 /// As [`resistance`], with the poses of the state.
-pub(crate) fn resistance_at(system: &Multibody, state: &[f64], poses: &[Pose<f64>]) -> [[f64; 3]; 3] {
+pub(crate) fn resistance_at(system: &Multibody, state: &[f64], poses: &[FrameKinematics<f64>]) -> [[f64; 3]; 3] {
     let effects = system.physics().effects;
     let mut total = [[0.0; 3]; 3];
     // Σ d e eᵀ
@@ -111,7 +116,7 @@ pub(crate) fn attitude(system: &Multibody, state: &[f64]) -> [f64; 4] {
 }
 
 /// A point of a body in the world, m.
-pub(crate) fn at(pose: &Pose<f64>, point: [f64; 3]) -> Vec3<f64> {
+pub(crate) fn at(pose: &FrameKinematics<f64>, point: [f64; 3]) -> Vec3<f64> {
     add(pose.position, mat_vec(pose.rotation, point))
 }
 

@@ -4,7 +4,7 @@
 //! any number of steps, exact once done. An environment stops when its own answer is exact, so that it does not depend on
 //! its neighbours.
 
-use super::active_set::{BoxProgram, FAR, Factor, Iterate, Precision};
+use super::active_set::{BoxQp, FAR, Factor, Iterate, Tolerances};
 use super::problem::{Problem, WRENCH};
 use autodiff::lanes::{Lanes, RegisterKernel, each_register};
 use autodiff::safe;
@@ -249,7 +249,7 @@ fn run<L: Lanes, const N: usize>(shared: &Shared, block: &mut Block, at: usize) 
     let mut lanes = [0.0_f32; 16];
     for step in 0..shared.steps {
         let before = x;
-        program.step(N, &mut x, &mut factor, step < shared.steps / 2, Precision::SINGLE);
+        program.step(N, &mut x, &mut factor, step < shared.steps / 2, Tolerances::SINGLE);
         keep(&mut x, &before);
         // a lane without a finite wrench counts as done
         L::select(finite.lt(half), L::one(), x.done).store(&mut lanes);
@@ -282,8 +282,8 @@ fn keep<L: Lanes, const N: usize>(x: &mut Iterate<L, N>, before: &Iterate<L, N>)
 
 /// The programs of one register, and their answers without bounds.
 #[inline(always)]
-fn load<L: Lanes, const N: usize>(shared: &Shared, block: &Block, at: usize) -> (BoxProgram<L, N>, [L; N]) {
-    let mut program = BoxProgram::empty();
+fn load<L: Lanes, const N: usize>(shared: &Shared, block: &Block, at: usize) -> (BoxQp<L, N>, [L; N]) {
+    let mut program = BoxQp::empty();
     let mut free = [L::zero(); N];
     let mut w = [L::zero(); WRENCH];
     for k in 0..WRENCH {
@@ -312,7 +312,7 @@ fn load<L: Lanes, const N: usize>(shared: &Shared, block: &Block, at: usize) -> 
 /// From the last answer where that was exact, else from the clipped closed form.
 #[inline(always)]
 fn start<L: Lanes, const N: usize>(
-    program: &mut BoxProgram<L, N>,
+    program: &mut BoxQp<L, N>,
     block: &Block,
     free: &[L; N],
     at: usize,
@@ -334,7 +334,7 @@ fn start<L: Lanes, const N: usize>(
 
 /// Answers back to the block; a lane without a finite wrench keeps its last inputs, within the bounds of now.
 #[inline(always)]
-fn store<L: Lanes, const N: usize>(block: &mut Block, program: &BoxProgram<L, N>, x: &Iterate<L, N>, at: usize) {
+fn store<L: Lanes, const N: usize>(block: &mut Block, program: &BoxQp<L, N>, x: &Iterate<L, N>, at: usize) {
     let fine = L::constant(0.5).lt(L::load(&block.finite[at..]));
     for i in 0..N {
         let last = L::load(&block.inputs[i][at..]).clamp(program.lower[i], program.upper[i]);
@@ -351,7 +351,7 @@ fn store<L: Lanes, const N: usize>(block: &mut Block, program: &BoxProgram<L, N>
 /// Scaled KKT residual as in [`residual`](super::residual), recomputed from the program: |gᵢ| δᵢ over max(1, ‖q‖∞). NaN
 /// counts as large.
 #[inline(always)]
-fn residual<L: Lanes, const N: usize>(program: &BoxProgram<L, N>, x: &Iterate<L, N>) -> L {
+fn residual<L: Lanes, const N: usize>(program: &BoxQp<L, N>, x: &Iterate<L, N>) -> L {
     let g = program.gradient(N, &x.inputs);
     let (mut worst, mut size) = (L::zero(), L::one());
     for i in 0..N {

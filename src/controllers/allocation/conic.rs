@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 
 /// An interior point of a [`Problem`] that clarabel offers; not yet certified.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Offer {
+pub struct ConicSolution {
     /// u, N.
     pub inputs: Vec<f64>,
     /// Multipliers zₖ of each cone, head first, in the unit of ∇f.
@@ -23,7 +23,7 @@ pub struct Offer {
 }
 
 /// A problem's structure in clarabel.
-pub struct Conic {
+pub struct ConicSolver {
     solver: DefaultSolver<f64>,
     shape: Shape,
     data: Data,
@@ -136,7 +136,7 @@ struct Unit {
     cost: f64,
 }
 
-impl Conic {
+impl ConicSolver {
     /// Sets the structure up.
     ///
     /// # Errors
@@ -178,7 +178,7 @@ impl Conic {
     ///
     /// # Errors
     /// As [`new`](Self::new).
-    pub fn solve(&mut self, problem: &Problem, wrench: &[f64; WRENCH]) -> Result<Offer> {
+    pub fn solve(&mut self, problem: &Problem, wrench: &[f64; WRENCH]) -> Result<ConicSolution> {
         if Shape::of(problem) != self.shape {
             *self = Self::new(problem)?;
         }
@@ -200,7 +200,7 @@ impl Conic {
             duals.push(z[row..row + cone.dim()].iter().map(|z| z * unit.cost * unit.input).collect());
             row += cone.dim();
         }
-        Ok(Offer {
+        Ok(ConicSolution {
             inputs: solution.x.iter().map(|x| x * unit.input).collect(),
             duals,
             iterations: solution.iterations,

@@ -1,8 +1,8 @@
 //! The fast paths of an [`Allocator`](super::Allocator): the closed form, and the active set in `f64`, warm from tick to
 //! tick; and the gradient that uses their factorisation again.
 
-use super::active_set::{BoxProgram, FAR, Factor, Iterate, Precision};
-use super::allocator::Settings;
+use super::active_set::{BoxQp, FAR, Factor, Iterate, Tolerances};
+use super::allocator::AllocatorSettings;
 use super::problem::{Problem, Scales, WRENCH};
 use super::variation::Variation;
 
@@ -13,7 +13,7 @@ pub(super) const MAX_STEPS: u32 = 100;
 
 /// What the fast path prepares: H and the closed form in units of inputs and gradients.
 pub(super) struct Fast {
-    pub(super) program: BoxProgram<f64, MAX_FAST>,
+    pub(super) program: BoxQp<f64, MAX_FAST>,
     /// BᵀW by rows of inputs, and ρ u_pref.
     pub(super) pull: Vec<[f64; WRENCH]>,
     pub(super) offset: Vec<f64>,
@@ -34,12 +34,12 @@ pub(super) struct Fast {
 
 impl Fast {
     /// `None` for problems with cones, too many inputs, or settings that forbid it.
-    pub(super) fn of(problem: &Problem, settings: Settings) -> Option<Box<Self>> {
+    pub(super) fn of(problem: &Problem, settings: AllocatorSettings) -> Option<Box<Self>> {
         let n = problem.n_input();
         if !settings.fast || !problem.cones.is_empty() || n > MAX_FAST {
             return None;
         }
-        let program = BoxProgram::empty();
+        let program = BoxQp::empty();
         let mut fast = Box::new(Self {
             iterate: program.start(n, &[0.0; MAX_FAST]),
             program,
@@ -73,7 +73,7 @@ impl Fast {
                 self.program.hessian[i][j] = (dot(&self.pull[i], &column(j)) + own) / self.cost;
             }
         }
-        self.whole.of(n, &self.program.hessian, &[0.0; MAX_FAST], Precision::DOUBLE);
+        self.whole.of(n, &self.program.hessian, &[0.0; MAX_FAST], Tolerances::DOUBLE);
         for k in 0..=WRENCH {
             let mut column = [0.0; MAX_FAST];
             for j in 0..n {
@@ -135,12 +135,12 @@ impl Fast {
         let mut steps = 0;
         while steps < MAX_STEPS && (steps == 0 || self.iterate.done < 0.5) {
             let many = steps < MAX_STEPS / 4;
-            self.program.step(n, &mut self.iterate, &mut self.factor, many, Precision::DOUBLE);
+            self.program.step(n, &mut self.iterate, &mut self.factor, many, Tolerances::DOUBLE);
             steps += 1;
         }
         if !near {
             // from afar the last step is long, and so is its rounding
-            self.program.step(n, &mut self.iterate, &mut self.factor, false, Precision::DOUBLE);
+            self.program.step(n, &mut self.iterate, &mut self.factor, false, Tolerances::DOUBLE);
             steps += 1;
         }
         for (j, u) in inputs.iter_mut().enumerate() {

@@ -1,13 +1,13 @@
 //! An allocation as a differentiable function: for rollouts, duals and programs.
 
-use super::allocator::{Allocator, Settings};
+use super::allocator::{Allocator, AllocatorSettings};
 use super::fast::MAX_FAST;
 use super::problem::{Problem, WRENCH};
 use super::side_by_side::{Eight, SideBySide};
 use super::variation::Variation;
 use autodiff::columns::LINE;
 use autodiff::custom::reverse_at;
-use autodiff::native::policy::{Instead, OnDemand};
+use autodiff::native::policy::{Fallback, OnDemand};
 use autodiff::{CustomFunction, Operation, Points, Scalar};
 use base::error::{Error, Result};
 use std::ops::Range;
@@ -159,7 +159,10 @@ fn give(at: &Variation, problem: &mut Problem) {
 
 impl Work {
     fn new(template: &Problem) -> Result<Self> {
-        let allocator = Allocator::with_settings(template.clone(), Settings { warm: false, ..Settings::default() })?;
+        let allocator = Allocator::with_settings(
+            template.clone(),
+            AllocatorSettings { warm: false, ..AllocatorSettings::default() },
+        )?;
         let zero = Variation::zero(template);
         Ok(Self {
             allocator,
@@ -299,7 +302,7 @@ impl Inner {
             return None;
         }
         let n_instruction = SideBySide::n_instruction(n);
-        self.side_by_side.ask(Instead::Compiled, n_instruction, n_point as u64, || SideBySide::new(n))
+        self.side_by_side.ask(Fallback::Compiled, n_instruction, n_point as u64, || SideBySide::new(n))
     }
 }
 

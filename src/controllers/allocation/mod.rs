@@ -51,7 +51,7 @@ mod side_by_side;
 pub(crate) mod spin;
 pub(crate) mod variation;
 
-pub use allocator::{AllocationSolution, Allocator, Counts, Reason, Settings, Solver};
+pub use allocator::{AllocationSolution, Allocator, AllocatorSettings, Counts, HoldReason, Solver};
 pub use articulated::{composite_inertia, resistance, wrench_matrix};
 pub use attainable_wrench::{AttainableWrenches, Facet, Margin, WrenchMargin};
 pub use batch::{BatchAllocator, BatchReport};

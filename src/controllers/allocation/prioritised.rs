@@ -5,7 +5,7 @@
 //! weight, and every pass asks again for what is still missing. Each pass is an ordinary bounded problem with the same
 //! Hessian, so the fast solver serves, warm.
 
-use super::allocator::{AllocationSolution, Allocator, Reason, Solver};
+use super::allocator::{AllocationSolution, Allocator, HoldReason, Solver};
 use super::problem::{Problem, WRENCH};
 use base::error::{Error, Result};
 
@@ -150,7 +150,7 @@ impl PrioritisedAllocator {
         PrioritisedSolution { solution, disturbed, passes }
     }
 
-    fn hold(&self, reason: Option<Reason>) -> AllocationSolution {
+    fn hold(&self, reason: Option<HoldReason>) -> AllocationSolution {
         let mut inputs = self.last.clone();
         self.problem.repair(&mut inputs, &[]);
         AllocationSolution {

@@ -4,11 +4,11 @@
 //! the same order, so that the bits are theirs. A lane that is done stays as it is while its neighbours search on. What is not certified here
 //! is left to the allocator.
 
-use super::active_set::{BoxProgram, FAR, Factor, Iterate, Precision};
+use super::active_set::{BoxQp, FAR, Factor, Iterate, Tolerances};
 use super::fast::{Fast, MAX_FAST, MAX_STEPS};
 use super::problem::{LOOSE, Problem, WRENCH};
 use autodiff::columns::{LINE, Lines};
-use autodiff::native::{Executable, Layout, Place, Rows, WhyInterpreted, Work};
+use autodiff::native::{Executable, Place, RowLayout, Rows, WhyInterpreted, Work};
 use autodiff::{Mask, Points, Program, Recording, Scalar, Trace};
 use std::ops::Range;
 use std::sync::Arc;
@@ -120,7 +120,7 @@ fn begin<S: Scalar>(n: usize, of: &Numbers<S>, wrench: &[S]) -> Vec<S> {
     let usable = wrench.iter().fold(steepness.lt(infinite), |all, w| all.and(w.abs().lt(infinite)));
 
     let mut task = vec![S::zero(); 3 * n];
-    let mut program = BoxProgram::<S, MAX_FAST>::empty();
+    let mut program = BoxQp::<S, MAX_FAST>::empty();
     let (mut u, mut from) = (vec![S::zero(); n], [S::zero(); MAX_FAST]);
     let mut inside = usable;
     for j in 0..n {
@@ -170,8 +170,8 @@ fn miss<S: Scalar>(of: &Numbers<S>, wrench: &[S], u: &[S]) -> Vec<S> {
 }
 
 /// The program of a task, and where its search stands.
-fn program_of<S: Scalar>(n: usize, hessian: &[S], state: &[S]) -> (BoxProgram<S, MAX_FAST>, Iterate<S, MAX_FAST>) {
-    let (mut program, zero, at) = (BoxProgram::empty(), [S::zero(); MAX_FAST], Places::of(n));
+fn program_of<S: Scalar>(n: usize, hessian: &[S], state: &[S]) -> (BoxQp<S, MAX_FAST>, Iterate<S, MAX_FAST>) {
+    let (mut program, zero, at) = (BoxQp::empty(), [S::zero(); MAX_FAST], Places::of(n));
     let mut x = Iterate { inputs: zero, status: zero, residual: S::zero(), done: state[2 * n] };
     let task = &state[at.task];
     for i in 0..n {
@@ -186,7 +186,7 @@ fn program_of<S: Scalar>(n: usize, hessian: &[S], state: &[S]) -> (BoxProgram<S,
 fn step<S: Scalar>(n: usize, of: &Numbers<S>, state: &[S], many: bool) -> Vec<S> {
     let (program, mut x) = program_of(n, of.hessian, state);
     let done = S::constant(0.5).lt(x.done);
-    program.step(n, &mut x, &mut Factor::new(), many, Precision::DOUBLE);
+    program.step(n, &mut x, &mut Factor::new(), many, Tolerances::DOUBLE);
     let now = x.inputs[..n].iter().chain(&x.status[..n]).chain([&x.done]);
     now.zip(state).map(|(now, before)| S::select(done, *before, *now)).collect()
 }
@@ -194,7 +194,7 @@ fn step<S: Scalar>(n: usize, of: &Numbers<S>, state: &[S], many: bool) -> Vec<S>
 /// The last step, the answer and whether it is certified, of those that are not yet.
 fn end<S: Scalar>(n: usize, of: &Numbers<S>, wrench: &[S], state: &[S]) -> Vec<S> {
     let (program, mut x) = program_of(n, of.hessian, state);
-    program.step(n, &mut x, &mut Factor::new(), false, Precision::DOUBLE);
+    program.step(n, &mut x, &mut Factor::new(), false, Tolerances::DOUBLE);
     let at = Places::of(n);
     let [unit, steepness] = [0, 1].map(|k| state[at.units.start + k]);
     let half = S::constant(0.5);
@@ -224,7 +224,7 @@ fn reverse<S: Scalar>(n: usize, of: &Numbers<S>, wrench: &[S], state: &[S], cota
         y[i] = S::select(free, cotangent[i] / cost, S::zero());
     }
     let mut factor = Factor::new();
-    factor.of(n, &program.hessian, &x.status, Precision::DOUBLE);
+    factor.of(n, &program.hessian, &x.status, Tolerances::DOUBLE);
     factor.solve(n, &mut y);
     let column = |j: usize| &of.geometry[WRENCH * j..][..WRENCH];
     let miss = miss(of, wrench, u);
@@ -312,7 +312,7 @@ fn executable(
     part: impl FnOnce(&[Trace]) -> Vec<Trace>,
 ) -> Result<Executable<Row>, WhyInterpreted> {
     let program = Program::compile(&Recording::of(n_argument, part)).map_err(|_| WhyInterpreted::TooLarge)?;
-    let layout = Layout::new(arguments, results).map_err(|_| WhyInterpreted::TooLarge)?;
+    let layout = RowLayout::new(arguments, results).map_err(|_| WhyInterpreted::TooLarge)?;
     let executable = Executable::new(&program, layout).map_err(|_| WhyInterpreted::TooLarge)?;
     executable.why_interpreted().map_or(Ok(executable), Err)
 }
@@ -418,7 +418,7 @@ fn certified_of(flags: &Row, n: usize) -> u32 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::allocator::{Allocator, Settings};
+    use super::super::allocator::{Allocator, AllocatorSettings};
     use super::super::function::AllocationFunction;
     use super::super::variation::Variation;
     use super::*;
@@ -479,7 +479,7 @@ mod tests {
             let back = Program::compile(&recording.adjoint(0..WRENCH)).unwrap();
             let (mut workspace, mut back_workspace) = (program.block_workspace(), back.block_workspace());
             let (mut change, mut gradient) = (Variation::zero(&problem), vec![[0.0; BLOCK]; WRENCH]);
-            let settings = Settings { warm: false, ..Settings::default() };
+            let settings = AllocatorSettings { warm: false, ..AllocatorSettings::default() };
             let mut alone = Allocator::with_settings(problem.clone(), settings).unwrap();
             let mut answers = vec![[0.0; BLOCK]; n];
             let mut held = 0;

@@ -311,10 +311,10 @@ fn a_free_fall_request_keeps_a_level_attitude_and_finite_derivatives() {
     sample.jerk = [D::fixed(1.0); 3];
     let state = Kinematics::at_rest([D::fixed(0.0); 3]);
     let held = model.position(&state, &model.initial(), &sample, [D::fixed(1.0); 3]);
-    let mut flat = [D::fixed(0.0); Latched::<D, 4>::DIM];
+    let mut flat = [D::fixed(0.0); CascadeMemory::<D, 4>::DIM];
     held.write(&mut flat);
     assert!(flat.iter().all(|x| x.coefficients.iter().all(|c| c.is_finite())), "{flat:?}");
-    assert_eq!(Latched::read(&flat), held);
+    assert_eq!(CascadeMemory::read(&flat), held);
     assert!((held.attitude.thrust.value() - 0.1 * G * 0.716).abs() < 1e-12);
     assert_eq!(held.attitude.attitude[2][2].value(), 1.0);
 }
@@ -355,17 +355,17 @@ fn a_kernel_with_spare_slots_gives_the_same_commands_and_idles_the_rest() {
 
 #[test]
 fn rates_that_do_not_divide_the_simulation_are_refused_by_value() {
-    let schedule = Schedule::new(&Rates::default(), 0.002).unwrap();
+    let schedule = RateDivisors::new(&Rates::default(), 0.002).unwrap();
     assert_eq!(schedule.every, [5, 2, 1]);
     assert_eq!(schedule.ticks(0), ONCE);
     assert_eq!(schedule.ticks(2), [0.0, 1.0, 1.0]);
     assert_eq!(schedule.ticks(5), [1.0, 0.0, 1.0]);
-    assert_eq!(Schedule::new(&Rates::every_step(0.016), 0.016).unwrap().every, [1, 1, 1]);
-    let text = Schedule::new(&Rates::default(), 0.003).unwrap_err().to_string();
+    assert_eq!(RateDivisors::new(&Rates::every_step(0.016), 0.016).unwrap().every, [1, 1, 1]);
+    let text = RateDivisors::new(&Rates::default(), 0.003).unwrap_err().to_string();
     assert!(text.starts_with("controller rate 'velocity' is 100 Hz with dt = 0.003 s, but"), "{text}");
     for bad in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-        assert!(Schedule::new(&Rates { attitude: bad, ..Rates::default() }, 0.002).is_err());
-        assert!(Schedule::new(&Rates::default(), bad).is_err());
+        assert!(RateDivisors::new(&Rates { attitude: bad, ..Rates::default() }, 0.002).is_err());
+        assert!(RateDivisors::new(&Rates::default(), bad).is_err());
     }
 }
 

@@ -17,7 +17,7 @@ use nalgebra::DMatrix;
 
 /// State and input along a reference.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Following {
+pub struct FeedForward {
     /// Π, n × (outputs · derivatives): x = Π z.
     pub state: DMatrix<f64>,
     /// Γ, m × (outputs · derivatives): u = Γ z.
@@ -32,7 +32,7 @@ pub struct Following {
 /// # Errors
 /// [`Error::Value`] unless there are as many outputs as inputs and C is n wide, or where the plant cannot hold its outputs
 /// at arbitrary constants (a zero at 1).
-pub fn follow(a: &DMatrix<f64>, b: &DMatrix<f64>, c: &DMatrix<f64>, period: f64, order: usize) -> Result<Following> {
+pub fn follow(a: &DMatrix<f64>, b: &DMatrix<f64>, c: &DMatrix<f64>, period: f64, order: usize) -> Result<FeedForward> {
     let (n, m) = (a.nrows(), b.ncols());
     if c.shape() != (m, n) || a.ncols() != n || b.nrows() != n {
         let got = format!("{} × {}", c.nrows(), c.ncols());
@@ -66,7 +66,7 @@ pub fn follow(a: &DMatrix<f64>, b: &DMatrix<f64>, c: &DMatrix<f64>, period: f64,
             }
         }
     }
-    Ok(Following { state: found.rows(0, n).into(), input: found.rows(n, m).into(), advance })
+    Ok(FeedForward { state: found.rows(0, n).into(), input: found.rows(n, m).into(), advance })
 }
 
 /// Φ: blocks Tᵏ⁻ⁱ/(k − i)! I.

@@ -19,7 +19,7 @@ use serde::Serialize;
 
 /// Flights with one set of gains.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Evaluation {
+pub struct GainEvaluation {
     /// Mean over the flights of their RMSE, the start included, m; over those that did not crash, infinite where all did.
     pub rmse: f64,
     /// Largest of them; infinite where all crashed.
@@ -33,7 +33,7 @@ pub struct Evaluation {
 /// Distance from the reference at which a flight counts as crashed, m.
 pub const CRASH_DISTANCE: f64 = 5.0;
 
-impl Evaluation {
+impl GainEvaluation {
     /// Of RMSEs, none for a crash.
     fn of(errors: &[Option<f64>]) -> Self {
         let flown: Vec<f64> = errors.iter().flatten().copied().collect();
@@ -71,7 +71,7 @@ const LATE: f64 = 0.01;
 ///
 /// # Errors
 /// As [`tune`](super::tune()).
-pub fn elsewhere(vehicle: &Vehicle, gains: &Gains, plan: &TunePlan) -> Result<Evaluation> {
+pub fn elsewhere(vehicle: &Vehicle, gains: &Gains, plan: &TunePlan) -> Result<GainEvaluation> {
     let n_step = plan.n_step()? as u64;
     let tuned_on = |name: &str| plan.references().any(|r| r.name() == name);
     let other = ["circle", "lemniscate", "step"].into_iter().find(|name| !tuned_on(name)).unwrap_or("hover");
@@ -100,22 +100,22 @@ pub fn elsewhere(vehicle: &Vehicle, gains: &Gains, plan: &TunePlan) -> Result<Ev
     let size = (plan.n_held_out, n_step);
     let flown = many.fly(Target::level(&reference), &start, size, &draw, &Threads::default())?;
     let held = |o: &MonteCarloResult| o.lost_at.is_none() && o.worst < CRASH_DISTANCE;
-    Ok(Evaluation::of(&flown.iter().map(|o| held(o).then_some(o.rmse)).collect::<Vec<_>>()))
+    Ok(GainEvaluation::of(&flown.iter().map(|o| held(o).then_some(o.rmse)).collect::<Vec<_>>()))
 }
 
 /// Flies the held-out starts of a plan, along the references it tunes on, with given gains, in `f64`.
 ///
 /// # Errors
 /// As [`tune`](super::tune()).
-pub fn evaluate(vehicle: &Vehicle, gains: &Gains, plan: &TunePlan) -> Result<Evaluation> {
+pub fn evaluate(vehicle: &Vehicle, gains: &Gains, plan: &TunePlan) -> Result<GainEvaluation> {
     plan.n_step()?;
-    let each: Vec<Evaluation> =
+    let each: Vec<GainEvaluation> =
         (0..plan.references().count()).map(|of| evaluate_along(vehicle, gains, plan, of)).collect::<Result<_>>()?;
-    Ok(Evaluation::together(each.iter()))
+    Ok(GainEvaluation::together(each.iter()))
 }
 
 /// The same along one reference: a number among those tuned on, then those held out.
-pub(super) fn evaluate_along(vehicle: &Vehicle, gains: &Gains, plan: &TunePlan, of: usize) -> Result<Evaluation> {
+pub(super) fn evaluate_along(vehicle: &Vehicle, gains: &Gains, plan: &TunePlan, of: usize) -> Result<GainEvaluation> {
     let loop_of = |truth: &Vehicle| -> Result<VehicleLoop> {
         let law = CascadeLaw::new(vehicle, &plan.physics, gains, &plan.rates)?;
         ClosedLoop::new(Plant::of_vehicle(truth, plan.physics)?, law.running())?.with_latency(plan.latency)
@@ -135,7 +135,7 @@ pub(super) fn evaluate_along(vehicle: &Vehicle, gains: &Gains, plan: &TunePlan, 
         let truth = loop_of(&truth(vehicle, &plant_of(plan, HELD_OUT, of, i)))?;
         Ok(flight_rmse(&truth, None, &start, &inputs))
     });
-    Ok(Evaluation::of(&flown.into_iter().collect::<Result<Vec<_>>>()?))
+    Ok(GainEvaluation::of(&flown.into_iter().collect::<Result<Vec<_>>>()?))
 }
 
 /// RMSE of one flight, by code of its step where there is some; `None` if it crashed.

@@ -11,7 +11,7 @@ use super::error_state::ErrorState;
 use crate::CascadeLaw;
 use crate::closed_loop::ClosedLoop;
 use crate::controller::Target;
-use crate::law::{ControlLaw, Running};
+use crate::law::{ControlLaw, LawController};
 use crate::linear::dense::{Complexes, complex_spectral_radius};
 use crate::linear::disk::{bound_at, disk_margin_of, folded_disk_margin_of};
 use crate::linear::state_space::{beside, stacked};
@@ -38,7 +38,7 @@ const UNHEARD: f64 = 1e-12;
 
 /// Where a loop is opened.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Point {
+pub enum AnalysisPoint {
     /// One command, between controller and plant.
     Command(usize),
     /// All commands at once.
@@ -87,7 +87,7 @@ impl LoopModel {
     /// # Errors
     /// As there.
     pub fn of_vehicle(
-        closed: ClosedLoop<Running<CascadeLaw>>,
+        closed: ClosedLoop<LawController<CascadeLaw>>,
         target: Target<'_>,
         air: &Disturbance<f64>,
         start: &[f64],
@@ -103,7 +103,7 @@ impl LoopModel {
     /// [`Error::Value`] if it does not become steady, [`Error::Limit`] for rates that come round after more than
     /// [`MOST_PERIOD`](Self::MOST_PERIOD) steps.
     pub fn new<L: ControlLaw>(
-        closed: ClosedLoop<Running<L>>,
+        closed: ClosedLoop<LawController<L>>,
         target: Target<'_>,
         air: &Disturbance<f64>,
         start: &[f64],
@@ -218,7 +218,7 @@ impl LoopModel {
     ///
     /// # Errors
     /// [`Error::Value`] for a point that the loop does not have, or where singular values are not found.
-    pub fn sensitivity(&self, point: Point) -> Result<StateSpace> {
+    pub fn sensitivity(&self, point: AnalysisPoint) -> Result<StateSpace> {
         let (n, signals) = (self.n_state(), self.signals(point)?);
         let width = signals.len();
         let all = width * self.period();
@@ -226,11 +226,11 @@ impl LoopModel {
         let (mut c, mut d) = (DMatrix::zeros(all, n), DMatrix::identity(all, all));
         for (k, step) in self.steps.iter().enumerate() {
             let (by, seen) = match point {
-                Point::Command(i) => {
+                AnalysisPoint::Command(i) => {
                     (step.by_command.columns(i, 1).into_owned(), step.commanded.rows(i, 1).into_owned())
                 }
-                Point::Commands => (step.by_command.clone(), step.commanded.clone()),
-                Point::Measurement(i) => {
+                AnalysisPoint::Commands => (step.by_command.clone(), step.commanded.clone()),
+                AnalysisPoint::Measurement(i) => {
                     (step.by_measurement.columns(i, 1).into_owned(), step.measured.rows(i, 1).into_owned())
                 }
             };
@@ -257,7 +257,7 @@ impl LoopModel {
     ///
     /// # Errors
     /// As [`sensitivity`](Self::sensitivity).
-    pub fn open(&self, point: Point) -> Result<StateSpace> {
+    pub fn open(&self, point: AnalysisPoint) -> Result<StateSpace> {
         let s = self.sensitivity(point)?;
         let remedy = "Report this as a bug.";
         let Some(back) = s.d().clone().try_inverse() else {
@@ -273,7 +273,7 @@ impl LoopModel {
     ///
     /// # Errors
     /// As [`sensitivity`](Self::sensitivity); [`Error::Value`] for all commands at once.
-    pub fn response(&self, point: Point, omega: &[f64]) -> Result<Vec<Complex<f64>>> {
+    pub fn response(&self, point: AnalysisPoint, omega: &[f64]) -> Result<Vec<Complex<f64>>> {
         let s = self.sensitivity(point)?;
         if self.signals(point)?.len() > 1 {
             let remedy = "Ask for one command, or for singular values of the sensitivity.";
@@ -291,7 +291,7 @@ impl LoopModel {
     ///
     /// # Errors
     /// As [`sensitivity`](Self::sensitivity).
-    pub fn margins(&self, point: Point) -> Result<LoopMargins> {
+    pub fn margins(&self, point: AnalysisPoint) -> Result<LoopMargins> {
         let open = self.open(point)?;
         if !self.stability()?.is_stable() || excess(&open, Complex::ONE) >= 0.0 {
             return Ok(LoopMargins::NONE);
@@ -324,7 +324,7 @@ impl LoopModel {
     ///
     /// # Errors
     /// As [`sensitivity`](Self::sensitivity).
-    pub fn disk_margin(&self, point: Point, skew: f64) -> Result<DiskMargin> {
+    pub fn disk_margin(&self, point: AnalysisPoint, skew: f64) -> Result<DiskMargin> {
         let s = self.sensitivity(point)?;
         if !self.stability()?.is_stable() {
             return Ok(DiskMargin::NONE);
@@ -347,7 +347,7 @@ impl LoopModel {
         if !self.stability()?.is_stable() {
             return Ok(0.0);
         }
-        let s = self.sensitivity(Point::Commands)?;
+        let s = self.sensitivity(AnalysisPoint::Commands)?;
         let (m, period, swept) = (self.commands.len(), self.period(), Swept::of(&s));
         let top = PI / self.dt;
         let bound = |k: usize| {
@@ -390,15 +390,15 @@ impl LoopModel {
         Ok(high as f64 * self.dt)
     }
 
-    fn signals(&self, point: Point) -> Result<Vec<Signal>> {
+    fn signals(&self, point: AnalysisPoint) -> Result<Vec<Signal>> {
         let one = |all: &[Signal], i: usize, what: &str| match all.get(i) {
             Some(signal) => Ok(vec![signal.clone()]),
             None => Err(Error::value(what, i, format!("below {}", all.len()), "They count from 0.")),
         };
         match point {
-            Point::Command(i) => one(&self.commands, i, "command"),
-            Point::Measurement(i) => one(&self.measurements, i, "measurement"),
-            Point::Commands => Ok(self.commands.clone()),
+            AnalysisPoint::Command(i) => one(&self.commands, i, "command"),
+            AnalysisPoint::Measurement(i) => one(&self.measurements, i, "measurement"),
+            AnalysisPoint::Commands => Ok(self.commands.clone()),
         }
     }
 }
@@ -458,7 +458,7 @@ fn one_period(input_at: &dyn Fn(u64) -> Vec<f64>, dt: f64) -> Result<Vec<Vec<f64
 
 /// ∂commands/∂state, m × n, by duals.
 fn slope_of_commands<L: ControlLaw>(
-    closed: &ClosedLoop<Running<L>>,
+    closed: &ClosedLoop<LawController<L>>,
     x: &[f64],
     input: &[f64],
     theta: &[f64],

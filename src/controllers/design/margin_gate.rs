@@ -6,7 +6,7 @@
 //! nominal vehicle. What counts is the least multi-loop [disk margin](LoopModel::disk_margin) over all of it. Whether the nominal
 //! loop at hover is stable with the latency is told beside it.
 
-use super::loop_model::{LoopMargins, LoopModel, Point};
+use super::loop_model::{AnalysisPoint, LoopMargins, LoopModel};
 use super::stability::Stability;
 use super::trim::{Trim, TrimTarget, trim};
 use crate::cascade::Rates;
@@ -74,7 +74,7 @@ impl Corner {
 /// Why a loop has no margin.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Flaw {
+pub enum MarginFailure {
     /// Combinations of states neither settle nor grow: commands do not move them, or do not depend on them.
     Marginal(Vec<String>),
     /// A pole lies outside the unit circle: how fast it grows, 1/s, and turns, rad/s.
@@ -90,7 +90,7 @@ pub enum Flaw {
     NotSteady(String),
 }
 
-impl std::fmt::Display for Flaw {
+impl std::fmt::Display for MarginFailure {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::Marginal(what) => Stability::Marginal(what.clone()).fmt(f),
@@ -105,13 +105,13 @@ impl std::fmt::Display for Flaw {
 
 /// How a set of gains fares at a gate.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Judgement {
+pub struct MarginReport {
     /// The disk margin of all commands at every corner; 0 where the loop is not stable.
     pub corners: Vec<(Corner, f64)>,
     /// Place of the least of them.
     pub worst: usize,
     /// Why corners have no margin: their places, and what was found there.
-    pub flaws: Vec<(usize, Flaw)>,
+    pub flaws: Vec<(usize, MarginFailure)>,
     /// Delay that ends stability of the nominal loop at hover, s ([`LoopMargins::delay`](super::LoopMargins::delay)).
     pub delay: f64,
     /// Whether every corner has the disk margin that is asked for.
@@ -120,7 +120,7 @@ pub struct Judgement {
     pub bears_latency: bool,
 }
 
-impl Judgement {
+impl MarginReport {
     /// The least disk margin.
     pub fn least(&self) -> f64 {
         self.corners[self.worst].1
@@ -177,21 +177,21 @@ impl MarginGate {
         physics: &Physics,
         rates: &Rates,
         threads: &Threads,
-    ) -> Result<Judgement> {
+    ) -> Result<MarginReport> {
         self.validate()?;
         // what cannot fly at all is told before it is judged
         CascadeLaw::new(vehicle, physics, gains, rates)?;
         let flown = Flown::in_still_air(vehicle, gains, physics, rates);
         let corners = self.corners();
         let found = threads.map(corners.len(), |i| flown.disk_margin(&corners[i]));
-        let alpha = |found: &std::result::Result<f64, Flaw>| *found.as_ref().unwrap_or(&0.0);
+        let alpha = |found: &std::result::Result<f64, MarginFailure>| *found.as_ref().unwrap_or(&0.0);
         let flaws =
             found.iter().enumerate().filter_map(|(i, found)| Some((i, found.as_ref().err()?.clone()))).collect();
         let corners: Vec<(Corner, f64)> = corners.into_iter().zip(found.iter().map(alpha)).collect();
         let worst = (0..corners.len()).min_by(|a, b| corners[*a].1.total_cmp(&corners[*b].1)).unwrap_or(0);
         let delay = flown.hover_margins().map_or(0.0, |margins| if margins.stable { margins.delay } else { 0.0 });
         let passes = corners[worst].1 >= self.disk;
-        Ok(Judgement { corners, worst, flaws, delay, passes, bears_latency: delay > self.latency })
+        Ok(MarginReport { corners, worst, flaws, delay, passes, bears_latency: delay > self.latency })
     }
 }
 
@@ -214,22 +214,22 @@ impl<'a> Flown<'a> {
     }
 
     /// The loop at a corner, which is stable; else what is wrong with it.
-    pub fn stable(&self, corner: &Corner) -> std::result::Result<LoopModel, Flaw> {
-        let not_steady = |e: Error| Flaw::NotSteady(e.to_string());
+    pub fn stable(&self, corner: &Corner) -> std::result::Result<LoopModel, MarginFailure> {
+        let not_steady = |e: Error| MarginFailure::NotSteady(e.to_string());
         let plant = self.plant(corner).map_err(not_steady)?;
-        let steady = self.steady(&plant, corner).map_err(|e| Flaw::NoTrim(e.to_string()))?;
+        let steady = self.steady(&plant, corner).map_err(|e| MarginFailure::NoTrim(e.to_string()))?;
         let model = self.model(plant, &steady, corner).map_err(not_steady)?;
         match model.stability().map_err(not_steady)? {
             Stability::Stable => Ok(model),
-            Stability::Marginal(what) => Err(Flaw::Marginal(what)),
-            Stability::Unstable { growth, frequency } => Err(Flaw::Unstable { growth, frequency }),
+            Stability::Marginal(what) => Err(MarginFailure::Marginal(what)),
+            Stability::Unstable { growth, frequency } => Err(MarginFailure::Unstable { growth, frequency }),
         }
     }
 
     /// The disk margin of all commands at a corner.
-    pub fn disk_margin(&self, corner: &Corner) -> std::result::Result<f64, Flaw> {
-        let found = self.stable(corner)?.disk_margin(Point::Commands, 0.0);
-        found.map(|disk| disk.alpha).map_err(|e| Flaw::NotSteady(e.to_string()))
+    pub fn disk_margin(&self, corner: &Corner) -> std::result::Result<f64, MarginFailure> {
+        let found = self.stable(corner)?.disk_margin(AnalysisPoint::Commands, 0.0);
+        found.map(|disk| disk.alpha).map_err(|e| MarginFailure::NotSteady(e.to_string()))
     }
 
     /// The same without what sampling folds: more for loops of several rates, smooth in the gains, and found faster; 0 without one.
@@ -239,7 +239,7 @@ impl<'a> Flown<'a> {
 
     /// Margins of all commands of the believed loop at hover.
     pub fn hover_margins(&self) -> Result<LoopMargins> {
-        self.at(&Corner::nominal(0.0))?.margins(Point::Commands)
+        self.at(&Corner::nominal(0.0))?.margins(AnalysisPoint::Commands)
     }
 
     fn at(&self, corner: &Corner) -> Result<LoopModel> {

@@ -47,14 +47,14 @@ mod tuned_loop;
 
 pub use error_state::ErrorState;
 pub use flight_grid::{FlightGrid, GridCell};
-pub use follow::{Following, follow};
+pub use follow::{FeedForward, follow};
 pub use gain_sensitivity::{GainSensitivity, sensitivity};
-pub use loop_model::{LoopMargins, LoopModel, Point};
+pub use loop_model::{AnalysisPoint, LoopMargins, LoopModel};
 pub use lqr::{FiniteHorizon, Regulator, bryson, finite_horizon, lqi, lqi_of, lqr, lqr_of};
 #[doc(hidden)]
 pub use margin_gate::truth;
-pub use margin_gate::{Corner, Flaw, Judgement, MarginGate};
-pub use robustness::{JudgedPlant, PlantBox, Robustness, robustness};
+pub use margin_gate::{Corner, MarginFailure, MarginGate, MarginReport};
+pub use robustness::{PlantMargin, PlantUncertainty, Robustness, robustness};
 pub use stability::Stability;
 pub use trim::{Trim, TrimTarget, trim, trim_damaged, trim_from, trim_spin};
-pub use tune::{AlongReference, Descent, Evaluation, Iteration, TunePlan, Tuning, tune};
+pub use tune::{AlongReference, Descent, GainEvaluation, Iteration, TunePlan, Tuning, tune};

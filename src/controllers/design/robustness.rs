@@ -7,10 +7,10 @@
 //!
 //! Source: Clopper and Pearson 1934 for the bounds; Torczon 1997 for the search.
 
-use super::margin_gate::{Corner, Flaw, Flown};
+use super::margin_gate::{Corner, Flown, MarginFailure};
 use crate::cascade::Rates;
 use crate::cascade_law::CascadeLaw;
-use crate::confidence::Share;
+use crate::confidence::Proportion;
 use base::error::{Error, Result};
 use base::parallel::Threads;
 use dynamics::{Disturbance, Gains, Physics, Vehicle};
@@ -20,7 +20,7 @@ use serde::{Deserialize, Serialize};
 /// Which plants.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct PlantBox {
+pub struct PlantUncertainty {
     /// Mass, inertia and motor lag between 1 − spread and 1 + spread of what is believed.
     pub spread: f64,
     /// How far the centre of mass may lie off, forward and to the left, m.
@@ -33,7 +33,7 @@ pub struct PlantBox {
     pub seed: u64,
 }
 
-impl Default for PlantBox {
+impl Default for PlantUncertainty {
     /// ±30 %, the centre of mass where it is believed, 200 plants, 95 %.
     fn default() -> Self {
         Self { spread: 0.3, shift: 0.0, samples: 200, confidence: 0.95, seed: 0 }
@@ -45,7 +45,7 @@ pub const MAX_SAMPLES: usize = 1_000_000;
 /// First step of the search, and the last, of half the width of the box.
 const STEPS: [f64; 2] = [0.5, 0.06];
 
-impl PlantBox {
+impl PlantUncertainty {
     /// # Errors
     /// [`Error::Value`] or [`Error::Limit`] for numbers out of range.
     pub fn validate(&self) -> Result<()> {
@@ -84,30 +84,30 @@ const N_NUMBER: usize = 5;
 
 /// A plant and its disk margin of all commands at once.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct JudgedPlant {
+pub struct PlantMargin {
     /// As factors of the believed one.
     pub plant: Corner,
     /// 0 where the loop has none.
     pub disk: f64,
     /// Why it has none.
-    pub flaw: Option<Flaw>,
+    pub flaw: Option<MarginFailure>,
 }
 
 /// What a loop bears in a box.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Robustness {
     /// Which box.
-    pub plants: PlantBox,
+    pub plants: PlantUncertainty,
     /// Random plants whose loop is stable.
-    pub stable: Share,
+    pub stable: Proportion,
     /// One of those that are not.
-    pub unstable: Option<JudgedPlant>,
+    pub unstable: Option<PlantMargin>,
     /// The plant as believed.
-    pub nominal: JudgedPlant,
+    pub nominal: PlantMargin,
     /// The corner of least margin.
-    pub corner: JudgedPlant,
+    pub corner: PlantMargin,
     /// The plant of least margin of all that were judged: the believed one, the corners, the search from the worst, the random ones.
-    pub worst: JudgedPlant,
+    pub worst: PlantMargin,
     /// Margins that were found for this.
     pub n_judged: usize,
 }
@@ -115,13 +115,13 @@ pub struct Robustness {
 /// Judges gains of a vehicle's cascade over a box, with commands `latency` steps late, in steady air.
 ///
 /// # Errors
-/// As [`PlantBox::validate`], and where vehicle, gains or rates are not valid.
+/// As [`PlantUncertainty::validate`], and where vehicle, gains or rates are not valid.
 pub fn robustness(
     vehicle: &Vehicle,
     gains: &Gains,
     (physics, rates): (&Physics, &Rates),
     (latency, air): (usize, &Disturbance<f64>),
-    plants: &PlantBox,
+    plants: &PlantUncertainty,
     threads: &Threads,
 ) -> Result<Robustness> {
     plants.validate()?;
@@ -131,7 +131,7 @@ pub fn robustness(
     let flaws = threads.map(plants.samples, |i| {
         let mut stream = Stream::new(plants.seed, i as u64, 0, Purpose::PARAMETERS);
         let plant = Corner::drawn(&mut stream, 0.0, plants.spread, plants.shift);
-        flown.stable(&plant).err().map(|flaw| JudgedPlant { plant, disk: 0.0, flaw: Some(flaw) })
+        flown.stable(&plant).err().map(|flaw| PlantMargin { plant, disk: 0.0, flaw: Some(flaw) })
     });
     let stable = flaws.iter().filter(|flaw| flaw.is_none()).count();
     let search = Search { flown, plants, threads };
@@ -141,11 +141,11 @@ pub fn robustness(
     let least = least_of(&judged).unwrap_or(0);
     let (found, n_searched) = search.down_from(corners[least], judged[least].clone());
     let unstable = flaws.into_iter().flatten().next();
-    let all: Vec<JudgedPlant> = [Some(found), Some(nominal.clone()), unstable.clone()].into_iter().flatten().collect();
+    let all: Vec<PlantMargin> = [Some(found), Some(nominal.clone()), unstable.clone()].into_iter().flatten().collect();
     let worst = all[least_of(&all).unwrap_or(0)].clone();
     Ok(Robustness {
         plants: *plants,
-        stable: Share::counted(stable, plants.samples, plants.confidence),
+        stable: Proportion::counted(stable, plants.samples, plants.confidence),
         unstable,
         nominal,
         corner: judged[least].clone(),
@@ -155,27 +155,27 @@ pub fn robustness(
 }
 
 /// Place of the first of least margin.
-fn least_of(judged: &[JudgedPlant]) -> Option<usize> {
+fn least_of(judged: &[PlantMargin]) -> Option<usize> {
     (0..judged.len()).min_by(|a, b| judged[*a].disk.total_cmp(&judged[*b].disk))
 }
 
 /// Looks for small margins in a box.
 struct Search<'a> {
     flown: Flown<'a>,
-    plants: &'a PlantBox,
+    plants: &'a PlantUncertainty,
     threads: &'a Threads,
 }
 
 impl Search<'_> {
-    fn judge(&self, place: &[f64; N_NUMBER]) -> JudgedPlant {
+    fn judge(&self, place: &[f64; N_NUMBER]) -> PlantMargin {
         let plant = self.plants.at(place);
         match self.flown.disk_margin(&plant) {
-            Ok(disk) => JudgedPlant { plant, disk, flaw: None },
-            Err(flaw) => JudgedPlant { plant, disk: 0.0, flaw: Some(flaw) },
+            Ok(disk) => PlantMargin { plant, disk, flaw: None },
+            Err(flaw) => PlantMargin { plant, disk: 0.0, flaw: Some(flaw) },
         }
     }
 
-    fn all(&self, places: &[[f64; N_NUMBER]]) -> Vec<JudgedPlant> {
+    fn all(&self, places: &[[f64; N_NUMBER]]) -> Vec<PlantMargin> {
         self.threads.map(places.len(), |i| self.judge(&places[i]))
     }
 
@@ -190,7 +190,7 @@ impl Search<'_> {
     }
 
     /// The pattern search, and how many margins it found; nothing is worse than none.
-    fn down_from(&self, mut place: [f64; N_NUMBER], mut worst: JudgedPlant) -> (JudgedPlant, usize) {
+    fn down_from(&self, mut place: [f64; N_NUMBER], mut worst: PlantMargin) -> (PlantMargin, usize) {
         let (mut step, mut n) = (STEPS[0], 0);
         while step >= STEPS[1] && worst.disk > 0.0 {
             let mut around = Vec::new();

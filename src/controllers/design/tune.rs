@@ -12,10 +12,10 @@
 //! that passed.
 
 use super::held_out::evaluate_along;
-pub use super::held_out::{CRASH_DISTANCE, Evaluation, elsewhere, evaluate};
+pub use super::held_out::{CRASH_DISTANCE, GainEvaluation, elsewhere, evaluate};
 use super::loop_model::LoopMargins;
 use super::margin_constraint::Constraint;
-use super::margin_gate::{Flown, Judgement};
+use super::margin_gate::{Flown, MarginReport};
 pub use super::plan::{MAX_STARTS, TunePlan};
 use super::tuned_loop::{LogGains, MeanSquaredError, TRAINING, gains_of, inputs, plant_of, starts};
 use crate::closed_loop::ClosedLoop;
@@ -47,9 +47,9 @@ pub struct AlongReference {
     /// Whether it was not tuned on.
     pub held_out: bool,
     /// With the gains that tuning started from.
-    pub before: Evaluation,
+    pub before: GainEvaluation,
     /// With the best gains.
-    pub after: Evaluation,
+    pub after: GainEvaluation,
 }
 
 /// The result of tuning.
@@ -60,21 +60,21 @@ pub struct Tuning {
     /// The descent.
     pub history: Vec<Iteration>,
     /// Held-out flights, along the references that were tuned on, with the gains it started from.
-    pub before: Evaluation,
+    pub before: GainEvaluation,
     /// The same with the best gains.
-    pub after: Evaluation,
+    pub after: GainEvaluation,
     /// Flights along every reference, those tuned on before those held out.
     pub references: Vec<AlongReference>,
     /// Where references are held out: all flights along them with the gains it started from, and with the best.
-    pub held_out: Option<[Evaluation; 2]>,
+    pub held_out: Option<[GainEvaluation; 2]>,
     /// [`elsewhere`] with the gains it started from.
-    pub elsewhere_before: Evaluation,
+    pub elsewhere_before: GainEvaluation,
     /// [`elsewhere`] with the best gains.
-    pub elsewhere_after: Evaluation,
+    pub elsewhere_after: GainEvaluation,
     /// Margins of all commands at hover with the gains it started from, and with the best.
     pub margins: [LoopMargins; 2],
     /// With a gate: how both fare there.
-    pub judged: Option<[Judgement; 2]>,
+    pub judged: Option<[MarginReport; 2]>,
 }
 
 impl Tuning {
@@ -172,7 +172,7 @@ fn judged(
     let references: Vec<AlongReference> = plan.all_references().enumerate().map(along).collect::<Result<_>>()?;
     let of = |held_out: bool, after: bool| {
         let own = references.iter().filter(|r| r.held_out == held_out);
-        Evaluation::together(own.map(|r| if after { &r.after } else { &r.before }))
+        GainEvaluation::together(own.map(|r| if after { &r.after } else { &r.before }))
     };
     let [elsewhere_before, elsewhere_after] = both.map(|g| elsewhere(vehicle, g, plan));
     let [first, last] = both.map(|g| {

@@ -9,7 +9,7 @@ use crate::cascade_law::CascadeLaw;
 use crate::closed_loop::ClosedLoop;
 use crate::controller::Target;
 use crate::hover_axes::HoverAxes;
-use crate::law::{ControlLaw, Running};
+use crate::law::{ControlLaw, LawController};
 use crate::parameters::GainSet;
 use crate::reference::{Reference, Setpoint};
 use crate::start::start_on;
@@ -45,7 +45,7 @@ impl Objective for MeanSquaredError {
 const MOST_GAINS: usize = GainSet::<f64>::DIM + 2;
 
 /// A vehicle under its cascade.
-pub(super) type VehicleLoop = ClosedLoop<Running<CascadeLaw>>;
+pub(super) type VehicleLoop = ClosedLoop<LawController<CascadeLaw>>;
 
 /// The closed loop with θ = ln K.
 pub(super) struct LogGains {

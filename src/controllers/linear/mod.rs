@@ -36,8 +36,10 @@ pub use dense::{eigenvalues, spectral_radius};
 pub use disk::{DiskMargin, disk_margin, multiloop_disk_margin};
 pub use margins::{Crossing, Margins, complementary, margins};
 pub use modes::{Mode, modes, poles, root_locus, zeros};
-pub use norms::{Peak, h_infinity, h2_norm};
-pub use response::{FrequencyResponse, StepFigures, frequencies, frequency_response, simulate, step_figures, step_response, unwrapped};
+pub use norms::{PeakGain, h_infinity, h2_norm};
+pub use response::{
+    FrequencyResponse, StepFigures, frequencies, frequency_response, simulate, step_figures, step_response, unwrapped,
+};
 pub use sampling::Hold;
 pub use state_space::{Signal, StateSpace};
-pub use structure::{Hidden, NO_COUPLING, ON_CIRCLE, minimal, unobservable, unreachable};
+pub use structure::{HiddenModes, NO_COUPLING, ON_CIRCLE, minimal, unobservable, unreachable};

@@ -9,7 +9,7 @@ use nalgebra::DMatrix;
 
 /// The largest gain and where it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Peak {
+pub struct PeakGain {
     /// σ_max of G there; infinite for a system that is not stable.
     pub gain: f64,
     /// ω, rad/s.
@@ -28,19 +28,19 @@ const TOLERANCE: f64 = 1e-10;
 ///
 /// # Errors
 /// Where eigenvalues are not found.
-pub fn h_infinity(system: &StateSpace) -> Result<Peak> {
+pub fn h_infinity(system: &StateSpace) -> Result<PeakGain> {
     if !system.is_stable()? {
-        return Ok(Peak { gain: f64::INFINITY, omega: f64::NAN });
+        return Ok(PeakGain { gain: f64::INFINITY, omega: f64::NAN });
     }
     let bent = system.continuous()?;
     let swept = Swept::of(&bent);
     let gain = |omega: f64| singular_values(&swept.at(bent.on_axis(omega))).first().copied().unwrap_or(0.0);
     let direct = singular_values(&bent.d().map(|v| v.into())).first().copied().unwrap_or(0.0);
-    let mut best = Peak { gain: direct, omega: f64::INFINITY };
-    let rise = |best: &mut Peak, omega: f64| {
+    let mut best = PeakGain { gain: direct, omega: f64::INFINITY };
+    let rise = |best: &mut PeakGain, omega: f64| {
         let gain = gain(omega);
         if gain > best.gain {
-            *best = Peak { gain, omega };
+            *best = PeakGain { gain, omega };
         }
     };
     rise(&mut best, 0.0);
@@ -63,7 +63,7 @@ pub fn h_infinity(system: &StateSpace) -> Result<Peak> {
         let omega = top(&gain, (best.omega * 0.999, best.omega * 1.001), 60);
         rise(&mut best, omega);
     }
-    Ok(Peak { omega: if best.omega.is_finite() { system.unbent(best.omega) } else { system.nyquist() }, ..best })
+    Ok(PeakGain { omega: if best.omega.is_finite() { system.unbent(best.omega) } else { system.nyquist() }, ..best })
 }
 
 /// Frequencies at which a singular value of a continuous system may be γ, ascending: eigenvalues about the imaginary axis.

@@ -24,7 +24,7 @@ pub(crate) fn rounding(n: usize) -> f64 {
 
 /// What inputs do not move, or outputs do not show.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Hidden {
+pub struct HiddenModes {
     /// Dimension of the rest: what inputs reach, or outputs show.
     pub reached: usize,
     /// Poles of what is hidden, largest modulus first.
@@ -33,7 +33,7 @@ pub struct Hidden {
     pub directions: Vec<Vec<(usize, f64)>>,
 }
 
-impl Hidden {
+impl HiddenModes {
     /// Each combination by the names of states, as `attitude_y − 0.43 attitude_z`.
     pub fn names(&self, states: &[Signal]) -> Vec<String> {
         self.directions.iter().map(|direction| named(direction, states)).collect()
@@ -64,7 +64,7 @@ fn named(direction: &[(usize, f64)], states: &[Signal]) -> String {
 ///
 /// # Errors
 /// Where singular values or eigenvalues are not found.
-pub fn unreachable(system: &StateSpace) -> Result<Hidden> {
+pub fn unreachable(system: &StateSpace) -> Result<HiddenModes> {
     Staircase::of(system.a(), system.b())?.hidden()
 }
 
@@ -72,7 +72,7 @@ pub fn unreachable(system: &StateSpace) -> Result<Hidden> {
 ///
 /// # Errors
 /// Where singular values or eigenvalues are not found.
-pub fn unobservable(system: &StateSpace) -> Result<Hidden> {
+pub fn unobservable(system: &StateSpace) -> Result<HiddenModes> {
     Staircase::of(&system.a().transpose(), &system.c().transpose())?.hidden()
 }
 
@@ -127,10 +127,10 @@ impl Staircase {
         self.rest.tr_mul(&(&self.a * &self.rest))
     }
 
-    fn hidden(&self) -> Result<Hidden> {
+    fn hidden(&self) -> Result<HiddenModes> {
         let poles = eigenvalues(&self.own())?;
         let directions = combinations(&self.in_own_units(&self.rest), &self.scale);
-        Ok(Hidden { reached: self.reached.ncols(), poles, directions })
+        Ok(HiddenModes { reached: self.reached.ncols(), poles, directions })
     }
 
     /// Columns that combine states of comparable size, as combinations of the states themselves.
@@ -139,10 +139,10 @@ impl Staircase {
     }
 
     /// What of a sampled system is not reached and does not decay; none where all of it does.
-    pub fn lasting(&self) -> Result<Option<Hidden>> {
+    pub fn lasting(&self) -> Result<Option<HiddenModes>> {
         let Some((poles, basis)) = self.lasting_basis()? else { return Ok(None) };
         let directions = combinations(&basis, &self.scale);
-        Ok(Some(Hidden { reached: self.reached.ncols(), poles, directions }))
+        Ok(Some(HiddenModes { reached: self.reached.ncols(), poles, directions }))
     }
 
     /// Its poles and a basis of its combinations of states.
@@ -200,7 +200,7 @@ fn combinations(basis: &DMatrix<f64>, weight: &[f64]) -> Vec<Vec<(usize, f64)>> 
 /// A sampled system, taken apart.
 pub(crate) struct Parts {
     /// What does not decay and inputs do not move, then what else does not decay and outputs do not show.
-    pub lasting: [Option<Hidden>; 2],
+    pub lasting: [Option<HiddenModes>; 2],
     /// To the coordinates of what is both reached and shown, and back to states.
     pub to: DMatrix<f64>,
     pub back: DMatrix<f64>,
@@ -217,7 +217,7 @@ impl Parts {
         let inner = Staircase::of(&a.transpose(), &c.transpose())?;
         let unseen = inner.lasting_basis()?.map(|(poles, basis)| {
             let weight: Vec<f64> = outer.scale.iter().map(|s| 1.0 / s).collect();
-            Hidden { reached: inner.reached.ncols(), poles, directions: combinations(&(&back * basis), &weight) }
+            HiddenModes { reached: inner.reached.ncols(), poles, directions: combinations(&(&back * basis), &weight) }
         });
         Ok(Self {
             lasting: [outer.lasting()?, unseen],

@@ -21,7 +21,7 @@ pub use hover::{Hover, Step};
 pub use lemniscate::{Lemniscate, lemniscate_curve, lemniscate_phase};
 pub use setpoint::Setpoint;
 pub use tilt::Tilt;
-pub use trajectory::{Curve, Own, Series, Trajectory};
+pub use trajectory::{Curve, CustomTrajectory, Series, Trajectory};
 pub use waypoints::{MAX_WAYPOINTS, Waypoint, Waypoints};
 
 use autodiff::jet::Jet;
@@ -49,7 +49,7 @@ pub enum Reference {
     Carried(Carried),
     /// Of your own: a value in a program, never in a file.
     #[serde(skip)]
-    Own(Own),
+    Own(CustomTrajectory),
 }
 
 impl Reference {
@@ -80,7 +80,7 @@ impl Reference {
 
     /// A trajectory of your own.
     pub fn own(trajectory: impl Trajectory + 'static) -> Self {
-        Self::Own(Own(Arc::new(trajectory)))
+        Self::Own(CustomTrajectory(Arc::new(trajectory)))
     }
 
     fn trajectory(&self) -> &dyn Trajectory {

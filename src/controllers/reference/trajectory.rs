@@ -122,15 +122,15 @@ impl<C: Curve> Trajectory for C {
 
 /// A trajectory of a user. Two are equal if they are the same value.
 #[derive(Clone)]
-pub struct Own(pub Arc<dyn Trajectory>);
+pub struct CustomTrajectory(pub Arc<dyn Trajectory>);
 
-impl PartialEq for Own {
+impl PartialEq for CustomTrajectory {
     fn eq(&self, other: &Self) -> bool {
         Arc::ptr_eq(&self.0, &other.0)
     }
 }
 
-impl std::fmt::Debug for Own {
+impl std::fmt::Debug for CustomTrajectory {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_tuple("Own").field(&self.0.name()).finish()
     }

@@ -1,6 +1,6 @@
 //! Parts and joints as a tree, or an error that names what is not one.
 
-use super::join::{Join, Kind, Servo, WORLD};
+use super::join::{JointKind, JointSpec, Servo, WORLD};
 use super::{Assembly, Solid};
 use base::error::{Error, Result, finite};
 use nalgebra::Vector3;
@@ -63,14 +63,14 @@ fn check_part(assembly: &Assembly, name: &str, solid: &Solid) -> Result<()> {
     solid.validate(&format!("{}: part '{name}'", assembly.label()))
 }
 
-fn check_join(assembly: &Assembly, join: &Join) -> Result<()> {
+fn check_join(assembly: &Assembly, join: &JointSpec) -> Result<()> {
     let at = |what: &str| format!("{}: joint '{}': {what}", assembly.label(), join.name);
     join.at.validate(&at("place in the parent"))?;
     join.child_at.validate(&at("place in the child"))?;
     let axes: &[(&str, [f64; 3])] = match &join.kind {
-        Kind::Fixed | Kind::Floating | Kind::Ball => &[],
-        Kind::Revolute(axis) | Kind::Prismatic(axis) => &[("axis", *axis)],
-        Kind::Universal(first, second) => &[("first axis", *first), ("second axis", *second)],
+        JointKind::Fixed | JointKind::Floating | JointKind::Ball => &[],
+        JointKind::Revolute(axis) | JointKind::Prismatic(axis) => &[("axis", *axis)],
+        JointKind::Universal(first, second) => &[("first axis", *first), ("second axis", *second)],
     };
     for (what, axis) in axes {
         finite(&at(what), axis)?;
@@ -79,18 +79,18 @@ fn check_join(assembly: &Assembly, join: &Join) -> Result<()> {
             return Err(Error::value(at(what), format!("{axis:?}"), "longer than 1e-9", remedy));
         }
     }
-    if let Kind::Universal(first, second) = join.kind {
+    if let JointKind::Universal(first, second) = join.kind {
         let sine = Vector3::from(first).normalize().cross(&Vector3::from(second).normalize()).norm();
         if sine < 1e-3 {
             let remedy = "Use one hinge, or axes across each other.";
             return Err(Error::value(at("second axis"), format!("{second:?}"), "across the first", remedy));
         }
     }
-    if join.kind == Kind::Floating && join.parent != WORLD {
+    if join.kind == JointKind::Floating && join.parent != WORLD {
         let remedy = "Only the world lets a part float: leave the joint out, or give the part a model of its own.";
         return Err(Error::value(at("parent"), format!("'{}'", join.parent), "'world' of a floating joint", remedy));
     }
-    if !matches!(join.kind, Kind::Revolute(_) | Kind::Prismatic(_) | Kind::Universal(..)) {
+    if !matches!(join.kind, JointKind::Revolute(_) | JointKind::Prismatic(_) | JointKind::Universal(..)) {
         for (what, given) in [("range", join.stops.is_some()), ("servo", join.servo.is_some())] {
             if given {
                 let remedy = "Use hinges where a range or a motor matters.";
@@ -102,7 +102,7 @@ fn check_join(assembly: &Assembly, join: &Join) -> Result<()> {
 }
 
 /// What [`Model::new`](crate::tree::Model::new) cannot see any more.
-fn check_servo(assembly: &Assembly, join: &Join) -> Result<()> {
+fn check_servo(assembly: &Assembly, join: &JointSpec) -> Result<()> {
     let at = |what: &str| format!("{}: joint '{}': {what}", assembly.label(), join.name);
     let max_torque = match join.servo {
         None => return Ok(()),

@@ -1,7 +1,7 @@
 //! The tree as bodies: welded parts merged, universal joints split, everything moved into the bodies' frames.
 
 use super::connect::Tree;
-use super::join::{Join, Kind};
+use super::join::{JointKind, JointSpec};
 use super::placement::{clean, rows, snap};
 use super::solid::combined;
 use super::{Assembly, Placement};
@@ -13,10 +13,10 @@ use base::error::{Error, Result};
 use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3};
 
 /// A model whose servos and stops are not tuned yet.
-pub(super) struct Draft {
+pub(super) struct UntunedModel {
     pub parts: ModelParts,
     /// Per body the joint that it came from.
-    pub source: Vec<Option<Join>>,
+    pub source: Vec<Option<JointSpec>>,
 }
 
 /// Where a part ended up.
@@ -33,11 +33,11 @@ struct Emitter<'a> {
     tree: &'a Tree,
     sites: Vec<Option<Site>>,
     bodies: Vec<Body>,
-    source: Vec<Option<Join>>,
+    source: Vec<Option<JointSpec>>,
     masses: Vec<Vec<MassProperties>>,
 }
 
-pub(super) fn emit(assembly: &Assembly, tree: &Tree) -> Result<Draft> {
+pub(super) fn emit(assembly: &Assembly, tree: &Tree) -> Result<UntunedModel> {
     let mut emitter = Emitter::new(assembly, tree);
     emitter.place()?;
     emitter.weigh();
@@ -62,7 +62,7 @@ pub(super) fn emit(assembly: &Assembly, tree: &Tree) -> Result<Draft> {
         pushed: Vec::new(),
         cables: Vec::new(),
     };
-    Ok(Draft { parts, source: emitter.source })
+    Ok(UntunedModel { parts, source: emitter.source })
 }
 
 impl<'a> Emitter<'a> {
@@ -103,9 +103,9 @@ impl<'a> Emitter<'a> {
     }
 
     /// A part on its joint; `below` is its parent.
-    fn hang(&mut self, name: &str, join: &Join, below: Site) -> Site {
+    fn hang(&mut self, name: &str, join: &JointSpec, below: Site) -> Site {
         let (at, child_at) = (below.place * join.at.isometry(), join.child_at.isometry());
-        if join.kind == Kind::Fixed {
+        if join.kind == JointKind::Fixed {
             return Site { body: below.body, place: at * child_at.inverse() };
         }
         // the body has the part's axes and its origin at the joint
@@ -125,17 +125,17 @@ impl<'a> Emitter<'a> {
             ..Joint::new(name, motion)
         };
         match join.kind {
-            Kind::Revolute(a) => {
+            JointKind::Revolute(a) => {
                 self.push(name, below.body, joint(join.name.clone(), Motion::Revolute(axis(a))), Some(join))
             }
-            Kind::Prismatic(a) => {
+            JointKind::Prismatic(a) => {
                 self.push(name, below.body, joint(join.name.clone(), Motion::Prismatic(axis(a))), Some(join))
             }
-            Kind::Ball => self.push(name, below.body, joint(join.name.clone(), Motion::Ball), Some(join)),
-            Kind::Fixed | Kind::Floating => {
+            JointKind::Ball => self.push(name, below.body, joint(join.name.clone(), Motion::Ball), Some(join)),
+            JointKind::Fixed | JointKind::Floating => {
                 self.push(name, None, joint(join.name.clone(), Motion::Floating), Some(join))
             }
-            Kind::Universal(a, b) => {
+            JointKind::Universal(a, b) => {
                 let [first, second] = axis_names(&join.name, a, b);
                 let cross = format!("{}.cross", join.name);
                 self.push(&cross, below.body, joint(first, Motion::Revolute(axis(a))), Some(join));
@@ -149,7 +149,7 @@ impl<'a> Emitter<'a> {
         Site { body: Some(self.bodies.len() - 1), place }
     }
 
-    fn push(&mut self, name: &str, parent: Option<usize>, joint: Joint, source: Option<&Join>) {
+    fn push(&mut self, name: &str, parent: Option<usize>, joint: Joint, source: Option<&JointSpec>) {
         self.bodies.push(Body {
             name: name.into(),
             parent,
@@ -271,11 +271,11 @@ impl<'a> Emitter<'a> {
     }
 
     /// Every part whose frame is not that of a body of its name.
-    fn frames(&self) -> Vec<Frame> {
+    fn frames(&self) -> Vec<NamedFrame> {
         let mut frames = Vec::new();
         for (part, (name, _)) in self.assembly.parts.iter().enumerate() {
             let Site { body: Some(body), place } = self.site(part) else { continue };
-            let frame = Frame {
+            let frame = NamedFrame {
                 name: name.clone(),
                 body,
                 position: clean(place.translation.vector, 1.0),

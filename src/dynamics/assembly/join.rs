@@ -7,7 +7,7 @@ pub const WORLD: &str = "world";
 
 /// Motions of a joint, along axes given in the joint's frame, of any length but zero.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Kind {
+pub enum JointKind {
     /// None: the two parts become one body.
     Fixed,
     /// All; only on the world, placed where the part starts.
@@ -75,9 +75,9 @@ pub const STOP_DISSIPATION: f64 = 3.0;
 
 /// A joint between two parts: its frame is placed on either, and the two placements coincide at q = 0.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Join {
+pub struct JointSpec {
     pub(crate) name: String,
-    pub(crate) kind: Kind,
+    pub(crate) kind: JointKind,
     pub(crate) parent: String,
     pub(crate) at: Placement,
     pub(crate) child: String,
@@ -90,9 +90,9 @@ pub struct Join {
     pub(crate) servo: Option<Servo>,
 }
 
-impl Join {
+impl JointSpec {
     /// A free joint at the origins of both parts. `parent` may be [`WORLD`].
-    pub fn new(name: impl Into<String>, kind: Kind, parent: impl Into<String>, child: impl Into<String>) -> Self {
+    pub fn new(name: impl Into<String>, kind: JointKind, parent: impl Into<String>, child: impl Into<String>) -> Self {
         Self {
             name: name.into(),
             kind,
@@ -167,7 +167,7 @@ impl Join {
     /// Positions, and ranges of a slide, times `factor`.
     pub(crate) fn scaled(mut self, factor: f64) -> Self {
         (self.at, self.child_at) = (self.at.scaled(factor), self.child_at.scaled(factor));
-        if matches!(self.kind, Kind::Prismatic(_)) {
+        if matches!(self.kind, JointKind::Prismatic(_)) {
             self.rest *= factor;
             if let Some(stops) = &mut self.stops {
                 (stops.lower, stops.upper) = (factor * stops.lower, factor * stops.upper);

@@ -12,15 +12,15 @@
 //!
 //! ```
 //! # use omnidrones_dynamics::omnidrones;
-//! use omnidrones::dynamics::assembly::{Assembly, Join, Kind, Solid};
+//! use omnidrones::dynamics::assembly::{Assembly, JointSpec, JointKind, Solid};
 //! use omnidrones::dynamics::vehicles::hummingbird;
 //!
 //! let mut assembly = Assembly::new("slung_ball");
 //! assembly.part("drone", Solid::vehicle(&hummingbird()));
 //! assembly.part("rope", Solid::bar([0.0, 0.0, 0.0], [0.0, 0.0, -1.0], 0.01).mass(0.01));
 //! assembly.part("ball", Solid::sphere(0.04).mass(0.3));
-//! assembly.join(Join::new("swing", Kind::Universal([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]), "drone", "rope").damping(1e-4));
-//! assembly.join(Join::new("knot", Kind::Fixed, "rope", "ball").at([0.0, 0.0, -1.0]));
+//! assembly.join(JointSpec::new("swing", JointKind::Universal([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]), "drone", "rope").damping(1e-4));
+//! assembly.join(JointSpec::new("knot", JointKind::Fixed, "rope", "ball").at([0.0, 0.0, -1.0]));
 //! let model = assembly.model()?;
 //! assert_eq!(model.bodies().len(), 3); // drone, the cross between the two axes, rope with ball
 //! assert_eq!(model.frame("ball")?.position, [0.0, 0.0, -1.0]);
@@ -37,7 +37,7 @@ pub(crate) mod solid;
 mod tune;
 
 pub use group::{Member, group};
-pub use join::{Join, Kind, STOP_DISSIPATION, STOP_RATE, Servo, Stops, WORLD};
+pub use join::{JointKind, JointSpec, STOP_DISSIPATION, STOP_RATE, Servo, Stops, WORLD};
 pub use placement::Placement;
 pub use solid::{Solid, rod};
 
@@ -51,7 +51,7 @@ pub struct Assembly {
     name: String,
     gravity: f64,
     parts: Vec<(String, Solid)>,
-    joins: Vec<Join>,
+    joins: Vec<JointSpec>,
     drones: Vec<Group>,
     rotor_order: Option<Vec<String>>,
     contact: ContactSettings,
@@ -105,7 +105,7 @@ impl Assembly {
     }
 
     /// Joins two parts, or one with the world.
-    pub fn join(&mut self, join: Join) -> &mut Self {
+    pub fn join(&mut self, join: JointSpec) -> &mut Self {
         self.joins.push(join);
         self
     }

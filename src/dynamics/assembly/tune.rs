@@ -1,16 +1,16 @@
 //! Gains of servos and stops from the inertia that a joint feels at the rest pose.
 
-use super::emit::Draft;
-use super::join::{Join, STOP_DISSIPATION, STOP_RATE, Servo, Stops};
+use super::emit::UntunedModel;
+use super::join::{JointSpec, STOP_DISSIPATION, STOP_RATE, Servo, Stops};
 use crate::multirotor::Physics;
 use crate::tree::*;
 use base::error::{Error, Result};
 use nalgebra::DMatrix;
 
 /// Checks the draft, measures it, and sets what depends on inertia.
-pub(super) fn tune(draft: Draft) -> Result<Model> {
-    let Draft { mut parts, source } = draft;
-    let needs = |join: &Option<Join>| join.as_ref().is_some_and(needs_inertia);
+pub(super) fn tune(draft: UntunedModel) -> Result<Model> {
+    let UntunedModel { mut parts, source } = draft;
+    let needs = |join: &Option<JointSpec>| join.as_ref().is_some_and(needs_inertia);
     for (body, join) in parts.bodies.iter_mut().zip(&source) {
         // any inertia will do for the checks
         set(&mut body.joint, join.as_ref(), Felt { free: 1.0, held: 1.0 });
@@ -27,12 +27,12 @@ pub(super) fn tune(draft: Draft) -> Result<Model> {
     Model::new(parts)
 }
 
-fn needs_inertia(join: &Join) -> bool {
+fn needs_inertia(join: &JointSpec) -> bool {
     matches!(join.servo, Some(Servo::Rate { .. })) || join.stops.is_some_and(|s| s.stiffness.is_none())
 }
 
 /// Drive and stops of a joint from what it feels.
-fn set(joint: &mut Joint, join: Option<&Join>, felt: Felt) {
+fn set(joint: &mut Joint, join: Option<&JointSpec>, felt: Felt) {
     let Some(join) = join else { return };
     joint.limits = join.stops.map(|Stops { lower, upper, stiffness, dissipation }| JointLimits {
         lower,

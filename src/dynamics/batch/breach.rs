@@ -35,13 +35,13 @@ impl fmt::Display for Breach {
 
 /// A [`Breach`] before it is put into words: the place among [`Plant::words`], value and limit.
 #[derive(Debug, Clone, Copy)]
-pub struct Culprit {
+pub struct RawBreach {
     pub place: u32,
     pub value: f32,
     pub limit: f32,
 }
 
-impl Culprit {
+impl RawBreach {
     /// The number farthest beyond its limit. Infinity is farther than any, and what is no number at all follows from one
     /// that is none: it counts where nothing else broke, by what it was `before`.
     #[doc(hidden)]
@@ -86,14 +86,14 @@ impl Plant {
 
     /// The number of a lane that is not what a healthy state of any plant holds.
     #[doc(hidden)]
-    pub fn exploded(&self, before: &Rows, after: &Rows, lane: usize) -> Option<Culprit> {
-        Culprit::of((0..self.n_state()).map(|row| (row, EXPLODED as f32)), before, after, lane)
+    pub fn exploded(&self, before: &Rows, after: &Rows, lane: usize) -> Option<RawBreach> {
+        RawBreach::of((0..self.n_state()).map(|row| (row, EXPLODED as f32)), before, after, lane)
     }
 
     /// The action that is no number.
-    pub(crate) fn wrong_action(&self, actions: &[f32]) -> Option<Culprit> {
+    pub(crate) fn wrong_action(&self, actions: &[f32]) -> Option<RawBreach> {
         let k = actions.iter().position(|a| a.is_nan())?;
-        Some(Culprit { place: (self.n_state() + k) as u32, value: actions[k], limit: ALIVE })
+        Some(RawBreach { place: (self.n_state() + k) as u32, value: actions[k], limit: ALIVE })
     }
 }
 
@@ -106,7 +106,7 @@ mod tests {
         let rows = |numbers: [f32; 3]| numbers.map(|x| [x; BLOCK]);
         let of = |before, after| {
             let limits = [(0, 200.0), (1, 50.0), (2, 300.0)].into_iter();
-            Culprit::of(limits, &rows(before), &rows(after), 3).map(|c| c.place)
+            RawBreach::of(limits, &rows(before), &rows(after), 3).map(|c| c.place)
         };
         assert_eq!(of([0.0; 3], [199.0, -49.0, 299.0]), None);
         assert_eq!(of([0.0; 3], [300.0, -400.0, 600.0]), Some(1));

@@ -8,9 +8,9 @@ mod world;
 
 pub use breach::Breach;
 #[doc(hidden)]
-pub use breach::Culprit;
+pub use breach::RawBreach;
 #[doc(hidden)]
 pub use kernel::{ALIVE, EXPLODED, STOPPED};
 #[doc(hidden)]
 pub use plant::{Block, Plant};
-pub use world::{DEFAULT_MEMORY_LIMIT, Reason, Stopped, World};
+pub use world::{DEFAULT_MEMORY_LIMIT, StopReason, Stopped, World};

@@ -4,7 +4,7 @@
 
 use super::kernel::{EXPLODED, STOPPED, heedless};
 use super::plant::Block;
-use autodiff::native::{Executable, Layout, Place, Rows as Array, Work};
+use autodiff::native::{Executable, Place, RowLayout, Rows as Array, Work};
 use autodiff::program::BLOCK;
 use autodiff::{Mask, Program, Recording, Scalar, Trace, safe};
 use base::error::Result;
@@ -24,7 +24,7 @@ impl StepProgram {
         let n_number = recording.n_input() - n_row;
         let arguments = (0..n_row).map(place(0)).chain((0..n_number).map(place(1))).collect();
         let results = (0..recording.n_output() - 1).chain([n_row - 1]).map(place(0)).collect();
-        let executable = Executable::new(&Program::compile(recording)?, Layout::new(arguments, results)?)?;
+        let executable = Executable::new(&Program::compile(recording)?, RowLayout::new(arguments, results)?)?;
         Ok(Self { executable, idle: Mutex::default() })
     }
 

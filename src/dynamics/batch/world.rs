@@ -1,6 +1,6 @@
 //! N environments of one vehicle or articulated system, each with its own parameters, stepped in lanes over threads.
 
-use super::breach::{Breach, Culprit};
+use super::breach::{Breach, RawBreach};
 use super::kernel::{ALIVE, LISTED, STOPPED};
 use super::plant::{Block, Plant, Rows, wrong_length};
 use crate::assembly::single;
@@ -21,7 +21,7 @@ const BLOCKS_PER_TASK: usize = 8;
 
 /// Why an environment stopped.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Reason {
+pub enum StopReason {
     /// Its action was not a number.
     NonFiniteAction,
     /// Its state left |x| < 1e8 or became not a number.
@@ -36,7 +36,7 @@ pub struct Stopped {
     /// Count of [`World::step`] calls before the one that failed.
     pub step: u64,
     /// Why.
-    pub reason: Reason,
+    pub reason: StopReason,
 }
 
 /// N environments of one vehicle or one articulated [`Model`] in blocks of 64, one environment per SIMD lane.
@@ -65,7 +65,7 @@ pub struct World {
     blocks: Vec<Block>,
     failures: Vec<Stopped>,
     /// Likewise, what broke; and where a step leads that stops an environment.
-    culprits: Vec<Option<Culprit>>,
+    culprits: Vec<Option<RawBreach>>,
     after: Rows,
     n_step: u64,
     threads: Threads,
@@ -254,7 +254,7 @@ impl World {
             for lane in (0..BLOCK).filter(|lane| stopped >> lane & 1 == 1) {
                 let environment = b * BLOCK + lane;
                 let wrong = self.plant.wrong_action(&actions[environment * n..(environment + 1) * n]);
-                let reason = if wrong.is_some() { Reason::NonFiniteAction } else { Reason::Diverged };
+                let reason = if wrong.is_some() { StopReason::NonFiniteAction } else { StopReason::Diverged };
                 self.failures.push(Stopped { environment, step: self.n_step, reason });
                 self.culprits.push(wrong.or_else(|| self.plant.exploded(&block.rows, &self.after, lane)));
             }

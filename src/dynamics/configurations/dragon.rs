@@ -25,7 +25,7 @@
 //! the link; rotors are the links' own in order, and there is one `Drone` per module.
 
 use super::configuration::{Configuration, DroneMap, PER_DEGREE, pair};
-use crate::assembly::{Assembly, Join, Kind, Servo, Solid, rod};
+use crate::assembly::{Assembly, JointKind, JointSpec, Servo, Solid, rod};
 use crate::vehicle::{Inertia, Rotor};
 use base::defaults::with_defaults;
 use base::error::{Error, Result};
@@ -143,15 +143,15 @@ impl Dragon {
             let blade = format!("blade_{r}");
             robot.part(&blade, self.blade());
             let at = [0.0, y, self.rotor_height - self.module_height];
-            robot.join(Join::new(format!("shaft_{r}"), Kind::Fixed, &module, blade).at(at));
+            robot.join(JointSpec::new(format!("shaft_{r}"), JointKind::Fixed, &module, blade).at(at));
         }
         let servo = Servo::Rate {
             time_constant: self.gimbal_time_constant,
             max_torque: self.gimbal_torque,
             range: self.gimbal_rate,
         };
-        robot.join(Join::new(format!("gimbal_{i}.x"), Kind::Revolute(X), link, &ring).servo(servo));
-        let second = Join::new(format!("gimbal_{i}.y"), Kind::Revolute(Y), ring, &module);
+        robot.join(JointSpec::new(format!("gimbal_{i}.x"), JointKind::Revolute(X), link, &ring).servo(servo));
+        let second = JointSpec::new(format!("gimbal_{i}.y"), JointKind::Revolute(Y), ring, &module);
         robot.join(second.at([0.0, 0.0, self.module_height]).servo(servo));
         robot.drone(&module, &module, [0.0, 0.0, self.rotor_height - self.module_height], [module.clone()]);
     }
@@ -167,12 +167,17 @@ impl Dragon {
             range: self.bend_range,
         };
         robot.join(
-            Join::new(format!("bend_{i}"), Kind::Universal(Y, Z), format!("link_{i}"), format!("link_{}", i + 1))
-                .at([half, 0.0, 0.0])
-                .child_at([-half, 0.0, 0.0])
-                .range(-self.bend_range, self.bend_range)
-                .armature(self.bend_armature)
-                .servo(servo),
+            JointSpec::new(
+                format!("bend_{i}"),
+                JointKind::Universal(Y, Z),
+                format!("link_{i}"),
+                format!("link_{}", i + 1),
+            )
+            .at([half, 0.0, 0.0])
+            .child_at([-half, 0.0, 0.0])
+            .range(-self.bend_range, self.bend_range)
+            .armature(self.bend_armature)
+            .servo(servo),
         );
     }
 

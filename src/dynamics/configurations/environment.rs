@@ -5,7 +5,7 @@
 //! ([`World::set_model`](crate::World::set_model), [`write_placement`]). The scene itself still answers distances
 //! ([`Scene::distance`]).
 
-use super::Gate;
+use super::SlidingGate;
 use crate::Vehicle;
 use crate::assembly::{Member, Placement, group, single};
 use crate::contact::ContactMaterial;
@@ -40,7 +40,7 @@ pub fn environment(name: impl Into<String>, members: &[Member], scene: &Scene) -
             continue;
         }
         let place = Placement { position: gate.position, rotation: gate.rotation };
-        let frame = Gate { place, ..resized(gate) };
+        let frame = SlidingGate { place, ..resized(gate) };
         parts.shapes.extend(frame.still_bars().map(|shape| still(&gate.name, shape, material)));
     }
     let obstacles = scene.obstacles.iter().enumerate();
@@ -98,18 +98,18 @@ fn still(name: &str, shape: Shape, material: Option<ContactMaterial>) -> BodySha
 }
 
 /// The scene's gate with the sizes of a configuration's.
-fn resized(gate: &scene::Gate) -> Gate {
-    Gate {
+fn resized(gate: &scene::Gate) -> SlidingGate {
+    SlidingGate {
         half_width: gate.half_width,
         half_height: gate.half_height,
         radius: gate.radius,
         scale: gate.scale,
-        ..Gate::default()
+        ..SlidingGate::default()
     }
 }
 
-fn sliding(gate: &scene::Gate, slide: scene::Slide) -> Gate {
-    Gate {
+fn sliding(gate: &scene::Gate, slide: scene::GateSlide) -> SlidingGate {
+    SlidingGate {
         place: Placement { position: gate.position, rotation: gate.rotation },
         mass: slide.mass,
         // a configuration scales its range, a scene states it as it is

@@ -14,10 +14,10 @@
 //!
 //! The mount (0.1 kg) does not move, so its mass is nowhere. DIFFERENCE: an undamped gate swings through a whole episode
 //! at √(3/4) = 0.87 rad/s, which nobody asked for (defect 20): `damping` is a parameter, 0 as published. Observations
-//! should read the frame, not the mount (19): [`GateMap::frame`].
+//! should read the frame, not the mount (19): [`SlidingGateMap::frame`].
 
 use super::configuration::Configuration;
-use crate::assembly::{Assembly, Join, Kind, Placement, Solid, WORLD, rod};
+use crate::assembly::{Assembly, JointKind, JointSpec, Placement, Solid, WORLD, rod};
 use crate::shape::Shape;
 use crate::vehicle::Inertia;
 use base::defaults::with_defaults;
@@ -26,7 +26,7 @@ use base::error::{Error, Result};
 with_defaults! {
     /// Parameters; `Default` is the paper's.
     #[derive(Debug, Clone, PartialEq)]
-    pub struct Gate {
+    pub struct SlidingGate {
         /// Where it stands: the opening's middle, looking along x.
         pub place: Placement = Placement::IDENTITY,
         /// Half distance between the uprights' centre lines, m, before `scale`.
@@ -52,18 +52,18 @@ with_defaults! {
 
 /// Names as numbers.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct GateMap {
+pub struct SlidingGateMap {
     /// What slides; its joint is `slide`.
     pub frame: usize,
 }
 
-impl Gate {
+impl SlidingGate {
     /// The model `gate`: one body with one degree of freedom. Group it with what flies through it
     /// ([`group`](crate::assembly::group())).
     ///
     /// # Errors
     /// As [`Assembly::model`].
-    pub fn build(&self) -> Result<Configuration<GateMap>> {
+    pub fn build(&self) -> Result<Configuration<SlidingGateMap>> {
         if !(self.scale > 0.0 && self.scale.is_finite()) {
             return Err(Error::value("gate: scale", self.scale, "> 0 and finite", "1 keeps the size."));
         }
@@ -72,14 +72,14 @@ impl Gate {
         let mut robot = Assembly::new("gate");
         robot.part("frame", frame.scaled(self.scale));
         robot.join(
-            Join::new("slide", Kind::Prismatic([0.0, 1.0, 0.0]), WORLD, "frame")
+            JointSpec::new("slide", JointKind::Prismatic([0.0, 1.0, 0.0]), WORLD, "frame")
                 .at(self.place)
                 .range(-range, range)
                 .spring(self.stiffness, 0.0)
                 .damping(self.damping),
         );
         let model = robot.model()?;
-        let map = GateMap { frame: model.body("frame")? };
+        let map = SlidingGateMap { frame: model.body("frame")? };
         Ok(Configuration { model, map })
     }
 

@@ -14,7 +14,7 @@
 //! DIFFERENCE: `InvPendulumHover` ignores its bar length (defect 23); here it is a parameter like any other.
 
 use super::configuration::{Configuration, DroneMap, PER_DEGREE, pair};
-use crate::assembly::{Assembly, Join, Kind, Solid};
+use crate::assembly::{Assembly, JointKind, JointSpec, Solid};
 use crate::vehicle::Vehicle;
 use crate::vehicles::hummingbird;
 use base::defaults::with_defaults;
@@ -64,11 +64,11 @@ impl InvertedPendulum {
         robot.part("bar", Solid::capsule(self.bar_radius, self.length).mass(self.bar_mass));
         robot.part("payload", Solid::sphere(self.payload_radius).mass(self.payload_mass));
         robot.join(
-            Join::new("swing", Kind::Universal([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]), "drone", "bar")
+            JointSpec::new("swing", JointKind::Universal([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]), "drone", "bar")
                 .child_at([0.0, 0.0, -half])
                 .damping(self.damping),
         );
-        robot.join(Join::new("knot", Kind::Fixed, "bar", "payload").at([0.0, 0.0, half]));
+        robot.join(JointSpec::new("knot", JointKind::Fixed, "bar", "payload").at([0.0, 0.0, half]));
         let model = robot.model()?;
         let map = InvertedPendulumMap {
             drone: DroneMap::find(&model, "drone")?,

@@ -49,7 +49,7 @@ pub use configuration::PER_DEGREE;
 pub use configuration::{Configuration, DroneMap};
 pub use dragon::{Dragon, DragonLink, DragonMap};
 pub use environment::environment;
-pub use gate::{Gate, GateMap};
+pub use gate::{SlidingGate, SlidingGateMap};
 pub use inverted_pendulum::{InvertedPendulum, InvertedPendulumMap};
 pub use omav::{Omav, OmavMap};
 pub use payload::{Payload, PayloadMap};
@@ -62,7 +62,7 @@ use base::error::{Error, Result};
 
 /// One line of the registry.
 #[derive(Debug, Clone, Copy)]
-pub struct Entry {
+pub struct ConfigurationEntry {
     /// What users type.
     pub name: &'static str,
     /// One line for tables.
@@ -72,56 +72,56 @@ pub struct Entry {
 }
 
 /// Every configuration of the benchmark: what commands take by name. [`SlungLoad`] is one more, from Rust.
-pub static REGISTRY: &[Entry] = &[
-    Entry {
+pub static REGISTRY: &[ConfigurationEntry] = &[
+    ConfigurationEntry {
         name: "payload",
         description: "a drone with a ball on a stiff rope of 1 m",
         build: || Ok(Payload::default().build()?.model),
     },
-    Entry {
+    ConfigurationEntry {
         name: "inverted_pendulum",
         description: "a drone that balances a ball on a bar of 1 m",
         build: || Ok(InvertedPendulum::default().build()?.model),
     },
-    Entry {
+    ConfigurationEntry {
         name: "platform_2",
         description: "two drones on cardan joints at the ends of a bar",
         build: || Ok(Platform { n_drone: 2, ..Platform::default() }.build()?.model),
     },
-    Entry {
+    ConfigurationEntry {
         name: "platform",
         description: "four drones on cardan joints carry a cross: over-actuated",
         build: || Ok(Platform::default().build()?.model),
     },
-    Entry {
+    ConfigurationEntry {
         name: "platform_6",
         description: "six drones on cardan joints carry a star: over-actuated",
         build: || Ok(Platform { n_drone: 6, ..Platform::default() }.build()?.model),
     },
-    Entry {
+    ConfigurationEntry {
         name: "transport",
         description: "four drones carry a box of 2 kg on bars",
         build: || Ok(Transport::four().build()?.model),
     },
-    Entry {
+    ConfigurationEntry {
         name: "transport_6",
         description: "six drones carry a longer box of 2 kg on bars",
         build: || Ok(Transport::six().build()?.model),
     },
-    Entry {
+    ConfigurationEntry {
         name: "dragon",
         description: "four links in a chain, each with two rotors on a gimbal",
         build: || Ok(Dragon::default().build()?.model),
     },
-    Entry {
+    ConfigurationEntry {
         name: "omav_tilting",
         description: "Voliro-type OMAV, six coaxial pairs on tilting units",
         build: || Ok(Omav::default().build()?.model),
     },
-    Entry {
+    ConfigurationEntry {
         name: "gate",
         description: "a sliding gate on a spring, fixed to the world",
-        build: || Ok(Gate::default().build()?.model),
+        build: || Ok(SlidingGate::default().build()?.model),
     },
 ];
 

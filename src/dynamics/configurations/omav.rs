@@ -18,7 +18,7 @@
 //! for the whole vehicle, at its core.
 
 use super::configuration::{Configuration, DroneMap};
-use crate::assembly::{Assembly, Join, Kind, Placement, Servo, Solid};
+use crate::assembly::{Assembly, JointKind, JointSpec, Placement, Servo, Solid};
 use crate::vehicle::{Part, Vehicle};
 use crate::vehicles::omav;
 use base::defaults::with_defaults;
@@ -90,12 +90,14 @@ impl Omav {
             let rotor = format!("rotor_{r}");
             let blade = self.local(&rotor, &place)?;
             robot.part(format!("blade_{r}"), blade);
-            robot.join(Join::new(format!("shaft_{r}"), Kind::Fixed, &name, format!("blade_{r}")));
+            robot.join(JointSpec::new(format!("shaft_{r}"), JointKind::Fixed, &name, format!("blade_{r}")));
         }
         let servo =
             Servo::Rate { time_constant: self.time_constant, max_torque: self.max_torque, range: self.max_rate };
         robot.join(
-            Join::new(format!("tilt_{j}"), Kind::Revolute([1.0, 0.0, 0.0]), "core", &name).at(place).servo(servo),
+            JointSpec::new(format!("tilt_{j}"), JointKind::Revolute([1.0, 0.0, 0.0]), "core", &name)
+                .at(place)
+                .servo(servo),
         );
         Ok(())
     }

@@ -13,7 +13,7 @@
 //! | stops | natural rate 30 rad/s, dissipation 3 s/rad | our assumption |
 
 use super::configuration::{Configuration, DroneMap, PER_DEGREE, pair};
-use crate::assembly::{Assembly, Join, Kind, Solid};
+use crate::assembly::{Assembly, JointKind, JointSpec, Solid};
 use crate::vehicle::Vehicle;
 use crate::vehicles::hummingbird;
 use base::defaults::with_defaults;
@@ -66,12 +66,12 @@ impl Payload {
         robot.part("bar", Solid::capsule(self.bar_radius, self.length).mass(self.bar_mass));
         robot.part("payload", Solid::sphere(self.payload_radius).mass(self.payload_mass));
         robot.join(
-            Join::new("swing", Kind::Universal([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]), "drone", "bar")
+            JointSpec::new("swing", JointKind::Universal([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]), "drone", "bar")
                 .child_at([0.0, 0.0, half])
                 .range(-self.range, self.range)
                 .damping(self.damping),
         );
-        robot.join(Join::new("knot", Kind::Fixed, "bar", "payload").at(end));
+        robot.join(JointSpec::new("knot", JointKind::Fixed, "bar", "payload").at(end));
         let model = robot.model()?;
         let map = PayloadMap {
             drone: DroneMap::find(&model, "drone")?,

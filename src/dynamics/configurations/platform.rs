@@ -18,7 +18,7 @@
 //! stiff. RK4 takes joint damping explicitly and diverges there above 0.7 ms; `SemiImplicit` takes it implicitly.
 
 use super::configuration::{Configuration, DroneMap, PER_DEGREE, pair};
-use crate::assembly::{Assembly, Join, Kind, Placement, Solid, rod};
+use crate::assembly::{Assembly, JointKind, JointSpec, Placement, Solid, rod};
 use crate::vehicle::Vehicle;
 use crate::vehicles::hummingbird;
 use base::defaults::with_defaults;
@@ -82,7 +82,7 @@ impl Platform {
             robot.part(format!("drone_{j}"), Solid::vehicle(&self.drone));
             robot.join(
                 // the joint's x points outwards on both sides
-                Join::new(format!("mount_{j}"), CARDAN, "frame", format!("drone_{j}"))
+                JointSpec::new(format!("mount_{j}"), CARDAN, "frame", format!("drone_{j}"))
                     .at(Placement::from(self.tip(j)).turned(Z, angle))
                     .child_at(Placement::IDENTITY.turned(Z, angle - yaw))
                     .damping(self.damping),
@@ -109,4 +109,4 @@ impl Platform {
     }
 }
 
-const CARDAN: Kind = Kind::Universal([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]);
+const CARDAN: JointKind = JointKind::Universal([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]);

@@ -116,7 +116,7 @@ mod tests {
     use crate::tree::free_motion::{energy, run};
     use crate::tree::{Multibody, cable_tensions, check_cables, model_parameter_names, momentum};
     use crate::{Effects, Integrator, Physics, World};
-    use autodiff::certificate::Bounds;
+    use autodiff::certificate::CertificateBounds;
     use autodiff::{System, certify};
 
     const RK4: Integrator = Integrator::RungeKutta4;
@@ -252,7 +252,7 @@ mod tests {
                     (x[ball + 2], x[ball + 3]) = (x[ball + 2] + lift, 0.3);
                     let certificate = certify(&system, &x, &vec![0.2; system.n_input()], &[]).unwrap();
                     assert!(
-                        certificate.holds(Bounds::default()),
+                        certificate.holds(CertificateBounds::default()),
                         "{n_drone} drones, {integrator:?}, lifted by {lift}: {certificate:?}"
                     );
                 }

@@ -19,7 +19,7 @@
 //! - Joints are found by name, so a task sees all 8 n angles; OmniDrones reads the first 16 (defect 24).
 
 use super::configuration::{Configuration, DroneMap, PER_DEGREE, pair};
-use crate::assembly::{Assembly, Join, Kind, Solid};
+use crate::assembly::{Assembly, JointKind, JointSpec, Solid};
 use crate::vehicle::Vehicle;
 use crate::vehicles::hummingbird;
 use base::error::Result;
@@ -138,12 +138,14 @@ impl Transport {
     /// A bar on the box and a drone on the bar.
     fn carrier(&self, robot: &mut Assembly, i: usize, [x, y]: [f64; 2]) {
         let half = 0.5 * self.bar_length;
-        let cardan = Kind::Universal([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]);
+        let cardan = JointKind::Universal([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]);
         let (bar, drone) = (format!("bar_{i}"), format!("drone_{i}"));
         robot.part(&bar, self.touching(Solid::capsule(self.bar_radius, self.bar_length).mass(self.bar_mass)));
         robot.part(&drone, Solid::vehicle(&self.drone));
         let joint = |name: &str, parent: &str, child: &str| {
-            Join::new(format!("{name}_{i}"), cardan, parent, child).range(-self.range, self.range).damping(self.damping)
+            JointSpec::new(format!("{name}_{i}"), cardan, parent, child)
+                .range(-self.range, self.range)
+                .damping(self.damping)
         };
         robot.join(joint("anchor", "box", &bar).at([x, y, self.anchor_height]).child_at([0.0, 0.0, -half]));
         robot.join(joint("hook", &bar, &drone).at([0.0, 0.0, half]));

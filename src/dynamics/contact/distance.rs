@@ -12,7 +12,7 @@
 
 use super::closest::point_on_segment;
 use super::pairs::{capsule_capsule, corners, round, round_contact, segment, sphere_relief};
-use crate::relief::Relief;
+use crate::relief::UnevenGround;
 use crate::shape::{Geometry, Pose};
 use crate::spatial::{Vec3, axpy, constants, cross, dot, mat_mul, mat_vec, matrix, scale, sub, transpose};
 use autodiff::{Mask, Scalar, safe};
@@ -79,8 +79,8 @@ pub fn plane_distance<S: Scalar>(geometry: &Geometry, pose: &Pose<S>, height: S)
 }
 
 /// Distance of a geometry at `pose` to uneven ground that rises over z = `height`, m: that of the points by which it touches
-/// it, a capsule's ends and a box's corners. As exact there as [`Relief::surface`].
-pub fn ground_distance<S: Scalar>(geometry: &Geometry, pose: &Pose<S>, height: S, relief: &Relief) -> S {
+/// it, a capsule's ends and a box's corners. As exact there as [`UnevenGround::surface`].
+pub fn ground_distance<S: Scalar>(geometry: &Geometry, pose: &Pose<S>, height: S, relief: &UnevenGround) -> S {
     match *geometry {
         Geometry::Sphere { radius } => -sphere_relief(pose.position, S::constant(radius), height, relief).depth,
         Geometry::Capsule { radius, length } => {

@@ -1,7 +1,7 @@
 //! The force at a contact.
 
 use super::material::Material;
-use super::pairs::Contact;
+use super::pairs::ContactPoint;
 use crate::spatial::{Vec3, axpy, dot, scale};
 use autodiff::{Scalar, safe};
 
@@ -46,7 +46,7 @@ pub(crate) fn sticking<S: Scalar>(material: &Material<S>, normal: S, slip: Vec3<
 /// F = F_n n − μ F_n v_t/√(v_t² + v_s²), with `velocity` that of the first body's material at the point relative to the
 /// second's, and v_t its part across n. Friction never drives: F_t·v_t ≤ 0. Smooth in slip, zero slip included, with
 /// slope up to μ F_n/v_s: an explicit step stays stable where that times dt over the mass is below 2.
-pub fn force<S: Scalar>(material: &Material<S>, contact: &Contact<S>, velocity: Vec3<S>) -> Vec3<S> {
+pub fn force<S: Scalar>(material: &Material<S>, contact: &ContactPoint<S>, velocity: Vec3<S>) -> Vec3<S> {
     let n = contact.normal;
     let leaving = dot(n, velocity);
     let normal = normal_force(material, contact.depth, -leaving);

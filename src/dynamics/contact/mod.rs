@@ -34,7 +34,7 @@ pub(crate) mod pairs;
 
 pub use distance::{distance, ground_distance, plane_distance};
 pub use material::{ContactMaterial, Material};
-pub use pairs::{Contact, Contacts, MAX_CONTACTS, between, with_plane};
+pub use pairs::{ContactPoint, Contacts, MAX_CONTACTS, between, with_plane};
 
 #[cfg(test)]
 mod tests;

@@ -4,7 +4,7 @@
 //! them for two [`Geometry`]s with their poses.
 
 use super::closest::{direction, point_on_segment, points_of_segments};
-use crate::relief::Relief;
+use crate::relief::UnevenGround;
 use crate::shape::{Geometry, Pose};
 use crate::spatial::{Mat3, Vec3, axpy, constants, mat_vec, sub, transpose};
 use autodiff::Scalar;
@@ -14,7 +14,7 @@ pub const MAX_CONTACTS: usize = 8;
 
 /// One point of contact between a first and a second body, world frame.
 #[derive(Debug, Clone, Copy)]
-pub struct Contact<S> {
+pub struct ContactPoint<S> {
     /// Where the force acts: half way between the two surfaces, m.
     pub point: Vec3<S>,
     /// Unit vector from the second body to the first: the way the first is pushed.
@@ -23,7 +23,7 @@ pub struct Contact<S> {
     pub depth: S,
 }
 
-impl<S: Scalar> Contact<S> {
+impl<S: Scalar> ContactPoint<S> {
     /// No contact: infinitely far apart for every purpose of a force.
     #[inline]
     pub fn none() -> Self {
@@ -36,7 +36,7 @@ impl<S: Scalar> Contact<S> {
 #[derive(Debug, Clone, Copy)]
 pub struct Contacts<S> {
     /// The first `count` are in use; their number depends on the kinds of bodies alone.
-    pub list: [Contact<S>; MAX_CONTACTS],
+    pub list: [ContactPoint<S>; MAX_CONTACTS],
     /// 0 for a pair without a force.
     pub count: usize,
 }
@@ -45,12 +45,12 @@ impl<S: Scalar> Contacts<S> {
     /// None at all.
     #[inline]
     pub fn none() -> Self {
-        Self { list: [Contact::none(); MAX_CONTACTS], count: 0 }
+        Self { list: [ContactPoint::none(); MAX_CONTACTS], count: 0 }
     }
 
     /// One more, up to [`MAX_CONTACTS`].
     #[inline]
-    pub fn push(&mut self, contact: Contact<S>) {
+    pub fn push(&mut self, contact: ContactPoint<S>) {
         self.list[self.count] = contact;
         self.count += 1;
     }
@@ -58,31 +58,37 @@ impl<S: Scalar> Contacts<S> {
 
 /// A sphere on the plane z = `height`, which pushes up.
 #[inline]
-pub(crate) fn sphere_plane<S: Scalar>(center: Vec3<S>, radius: S, height: S) -> Contact<S> {
+pub(crate) fn sphere_plane<S: Scalar>(center: Vec3<S>, radius: S, height: S) -> ContactPoint<S> {
     let depth = height + radius - center[2];
     let level = (height + center[2] - radius) * S::constant(0.5);
-    Contact { point: [center[0], center[1], level], normal: [S::zero(), S::zero(), S::one()], depth }
+    ContactPoint { point: [center[0], center[1], level], normal: [S::zero(), S::zero(), S::one()], depth }
 }
 
 /// A capsule around the segment `a` → `b` on the plane z = `height`: one contact per end.
 #[inline]
-pub(crate) fn capsule_plane<S: Scalar>(a: Vec3<S>, b: Vec3<S>, radius: S, height: S) -> [Contact<S>; 2] {
+pub(crate) fn capsule_plane<S: Scalar>(a: Vec3<S>, b: Vec3<S>, radius: S, height: S) -> [ContactPoint<S>; 2] {
     [sphere_plane(a, radius, height), sphere_plane(b, radius, height)]
 }
 
 /// Two spheres. Coincident centres are pushed apart along world z.
 #[inline]
-pub(crate) fn sphere_sphere<S: Scalar>(center1: Vec3<S>, radius1: S, center2: Vec3<S>, radius2: S) -> Contact<S> {
+pub(crate) fn sphere_sphere<S: Scalar>(center1: Vec3<S>, radius1: S, center2: Vec3<S>, radius2: S) -> ContactPoint<S> {
     let (normal, gap) = direction(sub(center1, center2));
     let depth = radius1 + radius2 - gap;
     // from the second centre to its surface, then half the overlap back
     let reach = depth.mul_add(S::constant(-0.5), radius2);
-    Contact { point: axpy(center2, reach, normal), normal, depth }
+    ContactPoint { point: axpy(center2, reach, normal), normal, depth }
 }
 
 /// A sphere and a capsule around the segment `a` → `b`.
 #[inline]
-pub(crate) fn sphere_capsule<S: Scalar>(center: Vec3<S>, radius1: S, a: Vec3<S>, b: Vec3<S>, radius2: S) -> Contact<S> {
+pub(crate) fn sphere_capsule<S: Scalar>(
+    center: Vec3<S>,
+    radius1: S,
+    a: Vec3<S>,
+    b: Vec3<S>,
+    radius2: S,
+) -> ContactPoint<S> {
     sphere_sphere(center, radius1, point_on_segment(a, b, center), radius2)
 }
 
@@ -93,7 +99,7 @@ pub(crate) fn capsule_capsule<S: Scalar>(
     radius1: S,
     [a2, b2]: [Vec3<S>; 2],
     radius2: S,
-) -> Contact<S> {
+) -> ContactPoint<S> {
     let (p, q) = points_of_segments(a1, b1, a2, b2);
     sphere_sphere(p, radius1, q, radius2)
 }
@@ -113,11 +119,16 @@ pub fn corners<S: Scalar>(pose: &Pose<S>, size: Vec3<S>) -> [Vec3<S>; 8] {
 
 /// A sphere on or above uneven ground, which pushes it along the normal below its lowest point.
 #[inline]
-pub(crate) fn sphere_relief<S: Scalar>(center: Vec3<S>, radius: S, height: S, relief: &Relief) -> Contact<S> {
+pub(crate) fn sphere_relief<S: Scalar>(
+    center: Vec3<S>,
+    radius: S,
+    height: S,
+    relief: &UnevenGround,
+) -> ContactPoint<S> {
     let (_, below) = relief.surface(center, height);
     let bottom = axpy(center, -radius, below);
     let (distance, normal) = relief.surface(bottom, height);
-    Contact { point: axpy(bottom, distance * S::constant(-0.5), normal), normal, depth: -distance }
+    ContactPoint { point: axpy(bottom, distance * S::constant(-0.5), normal), normal, depth: -distance }
 }
 
 /// A sphere and the box of half edges `half` at `position` with the world axes `rotation`, which pushes the sphere out along
@@ -127,7 +138,7 @@ pub(crate) fn sphere_box<S: Scalar>(
     radius: S,
     (position, rotation): (Vec3<S>, &Mat3<S>),
     half: Vec3<S>,
-) -> Contact<S> {
+) -> ContactPoint<S> {
     let local = mat_vec(transpose(*rotation), sub(center, position));
     let (zero, one) = (S::zero(), S::one());
     let (mut beyond, mut depth) = ([zero; 3], [zero; 3]);
@@ -156,13 +167,13 @@ pub(crate) fn sphere_box<S: Scalar>(
     let overlap = radius - distance;
     // half way between the two surfaces
     let reach = overlap.mul_add(S::constant(0.5), -radius);
-    Contact { point: axpy(center, reach, normal), normal, depth: overlap }
+    ContactPoint { point: axpy(center, reach, normal), normal, depth: overlap }
 }
 
 /// A box on the plane z = `height`: one contact per corner.
-pub(crate) fn box_plane<S: Scalar>(pose: &Pose<S>, size: Vec3<S>, height: S) -> [Contact<S>; 8] {
+pub(crate) fn box_plane<S: Scalar>(pose: &Pose<S>, size: Vec3<S>, height: S) -> [ContactPoint<S>; 8] {
     let corners = corners(pose, size);
-    let mut contacts = [Contact::none(); 8];
+    let mut contacts = [ContactPoint::none(); 8];
     for i in 0..8 {
         contacts[i] = sphere_plane(corners[i], S::zero(), height);
     }
@@ -221,7 +232,7 @@ pub(super) fn round(geometry: &Geometry) -> Option<(f64, Option<f64>)> {
 pub(super) fn round_contact<S: Scalar>(
     (pose1, radius1, length1): (&Pose<S>, f64, Option<f64>),
     (pose2, radius2, length2): (&Pose<S>, f64, Option<f64>),
-) -> Contact<S> {
+) -> ContactPoint<S> {
     let (r1, r2) = (S::constant(radius1), S::constant(radius2));
     let (c1, c2) = (pose1.position, pose2.position);
     match (length1, length2) {
@@ -304,7 +315,7 @@ mod tests {
 
     #[test]
     fn a_ball_on_a_slope_is_as_deep_as_geometry_says() {
-        let relief = crate::Relief::inclined(0.3);
+        let relief = crate::UnevenGround::inclined(0.3);
         // its centre 8 cm above the ground along the normal
         let center = [1.0 - 0.08 * 0.3_f64.sin(), 2.0, 1.0 * 0.3_f64.tan() + 0.08 * 0.3_f64.cos() + 0.5];
         let c = sphere_relief(center, 0.1, 0.5, &relief);

@@ -1,9 +1,9 @@
 //! Claims about meshes, each with what was measured.
 
 use super::*;
-use crate::relief::{Relief, Wave};
+use crate::relief::{GroundWave, UnevenGround};
 use crate::scene::{Element, Obstacle, Scene};
-use crate::sensors::cast::{Camera, Caster, NOTHING, Owner, Range, Rays, World};
+use crate::sensors::cast::{NOTHING, PinholeCamera, RangeLimits, RayCaster, RayScene, RayTarget, Rays};
 use crate::shape::{Geometry, Shape};
 use crate::spatial::add;
 use rng::{Purpose, Stream};
@@ -76,19 +76,19 @@ fn mesh(name: &str, (vertices, triangles): (Vec<Vec3<f64>>, Vec<[u32; 3]>)) -> M
     Mesh::new(name, vertices, triangles).unwrap().only_seen()
 }
 
-fn world_of(mesh: Vec<Mesh>) -> World {
+fn world_of(mesh: Vec<Mesh>) -> RayScene {
     let scene = Scene { mesh, ..Scene::default() };
     scene.validate().unwrap();
-    let mut world = World::default();
+    let mut world = RayScene::default();
     world.fill(&scene, &[]).unwrap();
     world
 }
 
-fn look(world: &World, position: Vec3<f64>, directions: &[Vec3<f64>], most: f64) -> (Vec<f32>, Vec<u32>) {
-    let rays = Rays::new(directions, Range { least: 0.0, most }).unwrap();
+fn look(world: &RayScene, position: Vec3<f64>, directions: &[Vec3<f64>], most: f64) -> (Vec<f32>, Vec<u32>) {
+    let rays = Rays::new(directions, RangeLimits { least: 0.0, most }).unwrap();
     let pose = Pose { position, attitude: upright() };
     let (mut t, mut ids) = (vec![0.0; directions.len()], vec![0; directions.len()]);
-    Caster::new().rays(world, &rays, &pose, &mut t, &mut ids);
+    RayCaster::new().rays(world, &rays, &pose, &mut t, &mut ids);
     (t, ids)
 }
 
@@ -101,7 +101,7 @@ fn a_box_of_twelve_triangles_has_the_ranges_and_normals_of_a_box() {
             ([0, 1, 2].map(|_| r.uniform(0.2, 2.0)), vector(&mut r, 1.0), attitude(&mut r));
         let unit_box = mesh("box", cuboid(scale(1e3, size))).scaled(1e-3).at(position).turned(rotation);
         let seen = world_of(vec![unit_box]);
-        let mut solid = World::default();
+        let mut solid = RayScene::default();
         let known = solid.push_box(&Pose { position, attitude: rotation }, size, 0).unwrap();
         let mut eye = vector(&mut r, 4.0);
         while dot(eye, eye) < 9.0 {
@@ -134,7 +134,7 @@ fn a_box_of_twelve_triangles_has_the_ranges_and_normals_of_a_box() {
 fn a_ball_of_triangles_is_seen_just_inside_the_ball_and_no_ray_slips_through_it() {
     let (points, faces) = ball(4, 1.0);
     let seen = world_of(vec![mesh("ball", (points.clone(), faces.clone()))]);
-    let mut solid = World::default();
+    let mut solid = RayScene::default();
     solid.push_capsule([[0.0; 3]; 2], 1.0, 0).unwrap();
     let eye = [-2.5, 0.4, 0.9];
     // at corners and middles of edges, that face the eye
@@ -158,7 +158,7 @@ fn a_ball_of_triangles_is_seen_just_inside_the_ball_and_no_ray_slips_through_it(
 
 #[test]
 fn images_and_scans_of_meshes_are_those_of_all_triangles_bit_for_bit() {
-    let mut caster = Caster::new();
+    let mut caster = RayCaster::new();
     let mut hits = 0;
     for which in 0..25 {
         let mut r = stream(1_000 + which);
@@ -169,8 +169,8 @@ fn images_and_scans_of_meshes_are_those_of_all_triangles_bit_for_bit() {
         let mut world = world_of(vec![one, other]);
         world.push_capsule([vector(&mut r, 2.0), vector(&mut r, 2.0)], 0.2, 0).unwrap();
         let pose = Pose { position: vector(&mut r, 3.0), attitude: attitude(&mut r) };
-        let range = Range { least: r.uniform(0.0, 0.5), most: r.uniform(2.0, 9.0) };
-        let camera = Camera::new(21, 13, 1.8, range).unwrap();
+        let range = RangeLimits { least: r.uniform(0.0, 0.5), most: r.uniform(2.0, 9.0) };
+        let camera = PinholeCamera::new(21, 13, 1.8, range).unwrap();
         let n = 21 * 13;
         let (mut a, mut b) = ((vec![0.0; n], vec![0; n]), (vec![0.0; n], vec![0; n]));
         caster.image(&world, &camera, &pose, &mut a.0, &mut a.1);
@@ -181,7 +181,7 @@ fn images_and_scans_of_meshes_are_those_of_all_triangles_bit_for_bit() {
         caster.rays(&world, &rays, &pose, &mut a.0, &mut a.1);
         caster.rays_of_all(&world, &rays, &pose, &mut b.0, &mut b.1);
         assert_eq!(a, b, "scene {which}");
-        hits += a.1.iter().filter(|id| matches!(world.owner(**id), Some(Owner::Scene(Element::Mesh(_))))).count();
+        hits += a.1.iter().filter(|id| matches!(world.owner(**id), Some(RayTarget::Scene(Element::Mesh(_))))).count();
     }
     println!("{hits} rays of scans hit a mesh");
     assert!(hits > 100, "{hits}");
@@ -194,23 +194,23 @@ fn a_mesh_is_seen_from_outside_only_and_its_ids_name_it() {
     let world = world_of(vec![near, far]);
     let ahead = [[1.0, 0.01, 0.02]];
     let (t, ids) = look(&world, [0.0; 3], &ahead, 10.0);
-    assert!((t[0] - 2.5).abs() < 1e-2 && world.owner(ids[0]) == Some(Owner::Scene(Element::Mesh(0))), "{t:?}");
+    assert!((t[0] - 2.5).abs() < 1e-2 && world.owner(ids[0]) == Some(RayTarget::Scene(Element::Mesh(0))), "{t:?}");
     let normal = world.normal(ids[0], [2.5, 0.0, 0.0]).unwrap();
     assert!((normal[0] + 1.0).abs() < 1e-12, "{normal:?}");
     let (t, ids) = look(&world, [3.0, 0.0, 0.0], &ahead, 10.0);
-    assert!((t[0] - 2.5).abs() < 1e-2 && world.owner(ids[0]) == Some(Owner::Scene(Element::Mesh(1))), "{t:?}");
+    assert!((t[0] - 2.5).abs() < 1e-2 && world.owner(ids[0]) == Some(RayTarget::Scene(Element::Mesh(1))), "{t:?}");
     assert_eq!(world.owner(u32::MAX >> 9), None);
 }
 
 #[test]
 fn a_height_field_is_the_relief_that_it_was_sampled_from() {
-    let wave = Wave { amplitude: 0.3, number: [0.8, 0.5], phase: 0.2 };
-    let relief = Relief { slope: [0.1, 0.0], waves: vec![wave] };
+    let wave = GroundWave { amplitude: 0.3, number: [0.8, 0.5], phase: 0.2 };
+    let relief = UnevenGround { slope: [0.1, 0.0], waves: vec![wave] };
     let (n, step) = (101, 0.1);
     let row = |i: usize| (0..n).map(|j| relief.rise(step * j as f64, step * i as f64).0).collect();
     let field = Mesh::height_field("dem", (0..n).map(row).collect(), [step; 2]).unwrap().only_seen();
     let seen = world_of(vec![field]);
-    let mut ground = World::default();
+    let mut ground = RayScene::default();
     ground.fill(&Scene { relief: Some(relief), ..Scene::grounded() }, &[]).unwrap();
     let mut r = stream(2_000);
     let (mut worst, mut sum) = (0.0_f64, 0);
@@ -377,7 +377,7 @@ fn a_scene_file_tells_what_is_wrong_with_its_meshes() {
 #[test]
 fn a_flight_in_a_scene_sees_its_meshes_and_nothing_touches_them() {
     use crate::configurations::environment::vehicle_in;
-    use crate::sensors::{Aboard, SensorConfig};
+    use crate::sensors::{OnboardSensors, SensorConfig};
     use crate::{Physics, Plant, vehicles};
     let wall = mesh("wall", cuboid([1.0, 8.0, 8.0])).at([3.0, 0.0, 0.0]);
     let scene = Scene { mesh: vec![wall], ..Scene::grounded() };
@@ -388,7 +388,7 @@ fn a_flight_in_a_scene_sees_its_meshes_and_nothing_touches_them() {
     let plant = Plant::of_model(&model, Physics::default()).unwrap();
     let text = "name = 'a'\nkind = 'lidar'\nbeams = 4\nelevations = [0.0]\nfarthest = 5.0\n";
     let config: SensorConfig = toml::from_str(text).unwrap();
-    let mut aboard = Aboard::new(&[config], &plant).unwrap();
+    let mut aboard = OnboardSensors::new(&[config], &plant).unwrap();
     let mut state = plant.tree().unwrap().rest_state();
     state[2] = 1.0;
     let told = aboard.read(&state, &state);
@@ -500,9 +500,9 @@ fn a_file_of_many_names_is_read_once_and_names_are_told_before_any_is_read() {
 #[ignore = "a measurement: cargo test --workspace --lib rays_per_second_at_five_thousand_triangles -- --ignored --nocapture"]
 fn rays_per_second_at_five_thousand_triangles() {
     let world = world_of(vec![mesh("ball", ball(4, 1.0))]);
-    let camera = Camera::new(64, 48, 0.8, Range { least: 0.0, most: 10.0 }).unwrap();
+    let camera = PinholeCamera::new(64, 48, 0.8, RangeLimits { least: 0.0, most: 10.0 }).unwrap();
     let pose = Pose { position: [-3.0, 0.1, 0.05], attitude: upright() };
-    let (mut t, mut ids, mut caster) = (vec![0.0; 64 * 48], vec![0; 64 * 48], Caster::new());
+    let (mut t, mut ids, mut caster) = (vec![0.0; 64 * 48], vec![0; 64 * 48], RayCaster::new());
     let begun = std::time::Instant::now();
     for _ in 0..100 {
         caster.image(&world, &camera, &pose, &mut t, &mut ids);

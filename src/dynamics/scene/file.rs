@@ -3,7 +3,7 @@
 use super::{Gate, Generator, Obstacle, Scene};
 use crate::contact::ContactMaterial;
 use crate::mesh::{MeshTable, meshes};
-use crate::relief::Relief;
+use crate::relief::UnevenGround;
 use crate::vehicle_file::in_file;
 use base::error::Result;
 use base::reader;
@@ -20,7 +20,7 @@ const MAX_FILE_BYTES: u64 = 16 << 20;
 struct SceneFile {
     generate: Vec<Generator>,
     ground: Option<f64>,
-    relief: Option<Relief>,
+    relief: Option<UnevenGround>,
     gates: Vec<Gate>,
     obstacles: Vec<Obstacle>,
     mesh: Vec<MeshTable>,

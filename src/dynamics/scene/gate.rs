@@ -32,14 +32,14 @@ with_defaults! {
         pub scale: f64 = 1.1,
         /// Where the frame slides along its local y; `None` for a fixed gate.
         #[serde(skip_serializing_if = "Option::is_none")]
-        pub slide: Option<Slide> = None,
+        pub slide: Option<GateSlide> = None,
     }
 }
 
 /// A frame that slides along its local y axis on a spring with rest at 0.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Slide {
+pub struct GateSlide {
     /// N/m.
     pub stiffness: f64,
     /// N s/m. OmniDrones has none: a displaced gate then swings for ever, at √(stiffness/mass) = 0.87 rad/s.
@@ -50,14 +50,14 @@ pub struct Slide {
     pub mass: f64,
 }
 
-impl Default for Slide {
+impl Default for GateSlide {
     /// OmniDrones' frame: 4 kg on 3 N/m, undamped, ±2 m.
     fn default() -> Self {
         Self { stiffness: 3.0, damping: 0.0, range: 2.0, mass: 4.0 }
     }
 }
 
-impl Slide {
+impl GateSlide {
     /// Acceleration of the frame along its y axis, m/s², at `coordinate` m and `speed` m/s, pushed by `push` N along y.
     pub fn acceleration<S: Scalar>(&self, coordinate: S, speed: S, push: S) -> S {
         let stop = ContactMaterial::default().cast();

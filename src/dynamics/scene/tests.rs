@@ -17,7 +17,7 @@ fn scene() -> Scene {
                 name: "second".into(),
                 position: [5.0, 1.0, 2.0],
                 rotation: turned,
-                slide: Some(Slide::default()),
+                slide: Some(GateSlide::default()),
                 ..Gate::default()
             },
         ],
@@ -274,7 +274,7 @@ fn a_step_through_the_opening_counts_once_with_its_margin() {
 
 #[test]
 fn an_undamped_slide_swings_at_its_natural_period_and_its_stops_hold_it() {
-    let slide = Slide::default();
+    let slide = GateSlide::default();
     let dt = 1e-3;
     let swing = |mut y: f64, mut v: f64, steps: usize| {
         let mut farthest = 0.0_f64;
@@ -325,7 +325,7 @@ fn scenes_are_toml_with_defaults_and_errors_name_the_element() {
     let text = toml::to_string(&scene).unwrap();
     assert_eq!(toml::from_str::<Scene>(&text).unwrap(), scene, "{text}");
     let least: Scene = toml::from_str("[[gates]]\nposition = [0, 0, 2]\nslide = {}").unwrap();
-    assert_eq!(least.gates[0].slide, Some(Slide::default()));
+    assert_eq!(least.gates[0].slide, Some(GateSlide::default()));
     assert_eq!(least.gates[0].opening(), [1.1 * 0.6 - 1.1 * 0.04, 1.1 * 0.55 - 1.1 * 0.04]);
     assert!(toml::from_str::<Scene>("[[gates]]\ncolour = 1").is_err());
 

@@ -1,9 +1,9 @@
 //! Sensors on the bodies of a plant, read from its states.
 
-use super::cast::World;
+use super::cast::RayScene;
 use super::solids::{Solids, Surroundings};
 use super::touch::check_contact;
-use super::{Eyes, Model, SensorConfig, SensorSet, Sight, Truth};
+use super::{GroundTruth, RayScratch, SensorConfig, SensorContext, SensorModel, SensorSet};
 use crate::frame::{FRAME, Frame};
 use crate::plant::{Plant, Quantity};
 use crate::scene::Scene;
@@ -12,7 +12,7 @@ use base::error::Result;
 
 /// A [`SensorSet`] that finds the truth in the states of a [`Plant`].
 #[derive(Debug, Clone)]
-pub struct Aboard {
+pub struct OnboardSensors {
     plant: Plant,
     /// The plant's physical numbers; gravity is the first.
     parameters: Vec<f64>,
@@ -20,32 +20,32 @@ pub struct Aboard {
     /// Of every body, as `Plant::write_frames` writes them: of the state now, and of that beside it.
     now: Vec<f64>,
     beside: Vec<f64>,
-    truths: Vec<Truth>,
-    world: World,
+    truths: Vec<GroundTruth>,
+    world: RayScene,
     solids: Solids,
-    eyes: Eyes,
+    eyes: RayScratch,
     /// Whether forces of contact are read.
     feels: bool,
     is_first: bool,
 }
 
-impl Aboard {
+impl OnboardSensors {
     /// Sensors on the bodies that [`Plant::body_names`] lists, at the beginning of episode 0 of environment 0 of seed 0. They
     /// see the plant's ground, what stands still in it, and the shapes of all bodies but their own.
     ///
     /// # Errors
-    /// As [`SensorSet::new`] and [`World::fill`]; [`Error::Value`](base::error::Error::Value) for a sensor of contact where nothing touches.
+    /// As [`SensorSet::new`] and [`RayScene::fill`]; [`Error::Value`](base::error::Error::Value) for a sensor of contact where nothing touches.
     pub fn new(configs: &[SensorConfig], plant: &Plant) -> Result<Self> {
         let set = SensorSet::new(configs, plant.physics().dt, &plant.body_names())?;
         let (plant, parameters) = (plant.clone(), plant.parameters());
         let frames = vec![0.0; FRAME * plant.n_frame()];
         let truths = Vec::with_capacity(plant.n_frame());
         let scene = Surroundings::of(&Scene { ground: ground(&plant), ..Scene::default() }, &plant).scene;
-        let mut world = World::default();
+        let mut world = RayScene::default();
         world.fill(&scene, &scene.nominal_placement())?;
-        let touching = || configs.iter().filter(|config| matches!(config.model, Model::Contact(_)));
+        let touching = || configs.iter().filter(|config| matches!(config.model, SensorModel::Contact(_)));
         touching().try_for_each(|config| check_contact(&config.place(), &plant))?;
-        let (solids, eyes, feels) = (Solids::of(&plant), Eyes::default(), touching().next().is_some());
+        let (solids, eyes, feels) = (Solids::of(&plant), RayScratch::default(), touching().next().is_some());
         let (now, beside) = (frames.clone(), frames);
         Ok(Self { plant, parameters, set, now, beside, truths, world, solids, eyes, feels, is_first: true })
     }
@@ -69,7 +69,7 @@ impl Aboard {
         self.plant.write_frames(&self.parameters, state, &mut self.now);
         let truth = if self.is_first {
             self.plant.write_frames(&self.parameters, next, &mut self.beside);
-            Truth::ahead
+            GroundTruth::ahead
         } else {
             after
         };
@@ -84,7 +84,7 @@ impl Aboard {
         }
         let now = &self.now;
         let solids = self.solids.at(|body| frame(&now[body * FRAME..]));
-        self.set.step(&self.truths, &mut Sight::new(&mut self.world, solids, &mut self.eyes))
+        self.set.step(&self.truths, &mut SensorContext::new(&mut self.world, solids, &mut self.eyes))
     }
 
     /// What was read last, in the order of the [`channels`](Self::channels).
@@ -108,9 +108,9 @@ fn ground(plant: &Plant) -> Option<f64> {
     plant.tree().map_or(Some(0.0), |own| own.model().parts().contact.ground)
 }
 
-/// [`Truth::between`], the later frame first.
-fn after(now: &Frame<f64>, before: &Frame<f64>, dt: f64, gravity: f64) -> Truth {
-    Truth::between(before, now, dt, gravity)
+/// [`GroundTruth::between`], the later frame first.
+fn after(now: &Frame<f64>, before: &Frame<f64>, dt: f64, gravity: f64) -> GroundTruth {
+    GroundTruth::between(before, now, dt, gravity)
 }
 
 /// From 13 numbers.

@@ -1,15 +1,15 @@
 //! Cameras: depth with the noise and holes of stereo, what is seen, surfaces, colours.
 
-use super::cast::{self, NOTHING, Owner, Range, Rays, World};
-use super::device::{Channel, Device, KindSettings, Layout};
-use super::grain::Grain;
+use super::cast::{self, NOTHING, RangeLimits, RayScene, RayTarget, Rays};
+use super::device::{Channel, Device, KindSettings, ReadingLayout};
+use super::grain::SampleNoise;
 use super::lidar::MAX_BEAMS;
 use super::limits::within;
 use super::mount::Motion;
-use super::reading::{Form, MOST_LOST, check_count, is_lost};
+use super::reading::{DistanceEncoding, MOST_LOST, check_count, is_lost};
 use super::shade;
-use super::sight::{Readings, Sight};
-use super::slope::Met;
+use super::sight::{Readings, SensorContext};
+use super::slope::ReadingRay;
 use crate::scene::Element;
 use crate::shape::Pose;
 use crate::spatial::rotate_back;
@@ -22,7 +22,7 @@ use std::sync::Arc;
 /// What a camera shows of every pixel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Show {
+pub enum ImageType {
     /// Planar depth, as `form` tells it.
     #[default]
     Depth,
@@ -34,7 +34,7 @@ pub enum Show {
     Rgb,
 }
 
-impl Show {
+impl ImageType {
     /// Numbers of a pixel.
     fn channels(self) -> usize {
         match self {
@@ -90,13 +90,13 @@ with_defaults! {
         /// From the left to the right edge, rad.
         pub field_of_view: f64 = 1.5,
         /// What of every pixel.
-        pub show: Show = Show::Depth,
+        pub show: ImageType = ImageType::Depth,
         /// Least planar depth, m: what is nearer hides what is behind it.
         pub nearest: f64 = 0.0,
         /// Largest planar depth, m.
         pub farthest: f64 = 10.0,
         /// How depth is told.
-        pub form: Form = Form::Distance,
+        pub form: DistanceEncoding = DistanceEncoding::Distance,
         /// Pixels of an edge of the squares of which the nearest depth is told: 4 makes 16 × 12 numbers of 64 × 48 pixels.
         pub pool: usize = 1,
         /// How depth is measured; exactly without.
@@ -110,8 +110,8 @@ with_defaults! {
 }
 
 impl Camera {
-    fn range(&self) -> Range {
-        Range { least: self.nearest, most: self.farthest }
+    fn range(&self) -> RangeLimits {
+        RangeLimits { least: self.nearest, most: self.farthest }
     }
 
     /// Derivative of the reading of a pixel at depth t, measured as z: noise and steps are those of the disparity.
@@ -132,26 +132,26 @@ impl KindSettings for Camera {
     fn channels(&self) -> Vec<Channel> {
         let [rows, columns] = self.extent();
         let (names, unit): (&[&str], _) = match self.show {
-            Show::Depth => (&["depth"], self.form.unit()),
-            Show::Segmentation => (&["class"], "-"),
-            Show::Normals => (&["normal_x", "normal_y", "normal_z"], "-"),
-            Show::Rgb => (&["red", "green", "blue"], "-"),
+            ImageType::Depth => (&["depth"], self.form.unit()),
+            ImageType::Segmentation => (&["class"], "-"),
+            ImageType::Normals => (&["normal_x", "normal_y", "normal_z"], "-"),
+            ImageType::Rgb => (&["red", "green", "blue"], "-"),
         };
         let pixels = (0..rows).flat_map(|i| (0..columns).map(move |j| (i, j)));
         pixels.flat_map(|(i, j)| names.iter().map(move |name| (format!("{name}_{i}_{j}").into(), unit))).collect()
     }
 
-    fn layout(&self) -> Layout {
+    fn layout(&self) -> ReadingLayout {
         let [height, width] = self.extent();
-        Layout::Image { height, width, channels: self.show.channels() }
+        ReadingLayout::Image { height, width, channels: self.show.channels() }
     }
 
     fn bounds(&self) -> [f64; 2] {
         match self.show {
-            Show::Depth => self.form.bounds(self.nearest, self.farthest),
-            Show::Segmentation => [0.0, 4.0],
-            Show::Normals => [-1.0, 1.0],
-            Show::Rgb => [0.0, 1.0],
+            ImageType::Depth => self.form.bounds(self.nearest, self.farthest),
+            ImageType::Segmentation => [0.0, 4.0],
+            ImageType::Normals => [-1.0, 1.0],
+            ImageType::Rgb => [0.0, 1.0],
         }
     }
 
@@ -160,12 +160,12 @@ impl KindSettings for Camera {
         let numbers = width.saturating_mul(height).saturating_mul(self.show.channels());
         let remedy = "Take a smaller image, or dynamics::sensors::cast for single pictures.";
         check_count(&format!("{what}: numbers of size"), numbers, MAX_BEAMS, remedy)?;
-        cast::Camera::new(width, height, self.field_of_view, self.range())?;
+        cast::PinholeCamera::new(width, height, self.field_of_view, self.range())?;
         if self.pool == 0 || !width.is_multiple_of(self.pool) || !height.is_multiple_of(self.pool) {
             let limit = format!("a divisor of {width} and {height}");
             return Err(Error::value(format!("{what}: pool"), self.pool, limit, "1 tells every pixel."));
         }
-        if self.show != Show::Depth && (self.pool > 1 || self.stereo.is_some()) {
+        if self.show != ImageType::Depth && (self.pool > 1 || self.stereo.is_some()) {
             let remedy = "Leave pool and stereo out, or show depth.";
             return Err(Error::value(
                 format!("{what}: show"),
@@ -183,7 +183,7 @@ impl KindSettings for Camera {
 pub(crate) struct CameraDevice {
     settings: Camera,
     /// Shared by all sensors of these settings.
-    camera: Arc<cast::Camera>,
+    camera: Arc<cast::PinholeCamera>,
     /// Towards the sun.
     sun: Arc<Rays>,
     /// Of a picture whose shadows are to be found.
@@ -194,14 +194,14 @@ pub(crate) struct CameraDevice {
 impl CameraDevice {
     pub(crate) fn new(settings: &Camera, _: f64) -> Result<Self> {
         let [width, height] = settings.size;
-        let camera = cast::Camera::new(width, height, settings.field_of_view, settings.range())?;
-        let n = if settings.show == Show::Rgb { width * height } else { 0 };
-        let sun = Rays::new(&[shade::SUN], Range { least: 0.0, most: shade::FAR })?;
+        let camera = cast::PinholeCamera::new(width, height, settings.field_of_view, settings.range())?;
+        let n = if settings.show == ImageType::Rgb { width * height } else { 0 };
+        let sun = Rays::new(&[shade::SUN], RangeLimits { least: 0.0, most: shade::FAR })?;
         let (camera, sun) = (Arc::new(camera), Arc::new(sun));
         Ok(Self { settings: settings.clone(), camera, sun, depth: vec![0.0; n], ids: vec![0; n] })
     }
 
-    fn show_depth(&self, pose: &Pose<f64>, sight: &mut Sight<'_>, grain: Grain, out: &mut [f64]) {
+    fn show_depth(&self, pose: &Pose<f64>, sight: &mut SensorContext<'_>, grain: SampleNoise, out: &mut [f64]) {
         let own = &self.settings;
         let ([width, _], [_, columns]) = (own.size, own.extent());
         let Readings { ranges: depth, ids, mut met, .. } = sight.image(&self.camera, pose);
@@ -211,7 +211,7 @@ impl CameraDevice {
         }
         out.fill(own.farthest);
         if let Some(met) = &mut met {
-            met.resize(out.len(), Met::NOTHING);
+            met.resize(out.len(), ReadingRay::NOTHING);
         }
         let lost = grain.other();
         // as rays tell it
@@ -225,21 +225,21 @@ impl CameraDevice {
             let square = i / width / own.pool * columns + i % width / own.pool;
             if let Some(met) = met.as_mut().filter(|_| z < out[square]) {
                 let factor = if z < own.nearest { 0.0 } else { own.slope(t, z) };
-                met[square] = Met { id: ids[i], t, direction: self.camera.direction(i), factor };
+                met[square] = ReadingRay { id: ids[i], t, direction: self.camera.direction(i), factor };
             }
             out[square] = out[square].min(z.max(own.nearest));
         }
         out.iter_mut().for_each(|z| *z = own.form.of(*z, own.farthest));
     }
 
-    fn show_classes(&self, pose: &Pose<f64>, sight: &mut Sight<'_>, lost: Grain, out: &mut [f64]) {
+    fn show_classes(&self, pose: &Pose<f64>, sight: &mut SensorContext<'_>, lost: SampleNoise, out: &mut [f64]) {
         let Readings { ids, world, .. } = sight.image(&self.camera, pose);
         for (i, (class, id)) in out.iter_mut().zip(ids).enumerate() {
             *class = if is_lost(lost, i, self.settings.dropout) { 0.0 } else { class_of(world, *id) };
         }
     }
 
-    fn show_normals(&self, pose: &Pose<f64>, sight: &mut Sight<'_>, lost: Grain, out: &mut [f64]) {
+    fn show_normals(&self, pose: &Pose<f64>, sight: &mut SensorContext<'_>, lost: SampleNoise, out: &mut [f64]) {
         let Readings { ranges: depth, ids, world, .. } = sight.image(&self.camera, pose);
         for (i, normal) in out.chunks_exact_mut(3).enumerate() {
             let point = pose.point(self.camera.direction(i).map(|d| f64::from(depth[i]) * d));
@@ -248,7 +248,7 @@ impl CameraDevice {
         }
     }
 
-    fn show_colours(&mut self, pose: &Pose<f64>, sight: &mut Sight<'_>, lost: Grain, out: &mut [f64]) {
+    fn show_colours(&mut self, pose: &Pose<f64>, sight: &mut SensorContext<'_>, lost: SampleNoise, out: &mut [f64]) {
         let seen = sight.image(&self.camera, pose);
         self.depth.copy_from_slice(seen.ranges);
         self.ids.copy_from_slice(seen.ids);
@@ -281,27 +281,28 @@ fn hide_shadows(row: &mut [f32], product: f64, farthest: f64) {
     }
 }
 
-/// As [`Show::Segmentation`] says.
-fn class_of(world: &World, id: u32) -> f64 {
+/// As [`ImageType::Segmentation`] says.
+fn class_of(world: &RayScene, id: u32) -> f64 {
     match world.owner(id).filter(|_| id != NOTHING) {
         None => 0.0,
-        Some(Owner::Scene(Element::Ground)) => 1.0,
-        Some(Owner::Scene(Element::Gate(_))) => 2.0,
-        Some(Owner::Scene(Element::Obstacle(_) | Element::Mesh(_))) => 3.0,
-        Some(Owner::Moving(_)) => 4.0,
+        Some(RayTarget::Scene(Element::Ground)) => 1.0,
+        Some(RayTarget::Scene(Element::Gate(_))) => 2.0,
+        Some(RayTarget::Scene(Element::Obstacle(_) | Element::Mesh(_))) => 3.0,
+        Some(RayTarget::Moving(_)) => 4.0,
     }
 }
 
 impl Device for CameraDevice {
     fn draw(&mut self, _: &mut Stream) {}
 
-    fn sample(&mut self, at: &Motion, sight: &mut Sight<'_>, stream: &mut Stream, out: &mut [f64]) {
-        let (pose, grain) = (Pose { position: at.position, attitude: at.attitude }, Grain::new(stream.next_u64()));
+    fn sample(&mut self, at: &Motion, sight: &mut SensorContext<'_>, stream: &mut Stream, out: &mut [f64]) {
+        let (pose, grain) =
+            (Pose { position: at.position, attitude: at.attitude }, SampleNoise::new(stream.next_u64()));
         match self.settings.show {
-            Show::Depth => self.show_depth(&pose, sight, grain, out),
-            Show::Segmentation => self.show_classes(&pose, sight, grain.other(), out),
-            Show::Normals => self.show_normals(&pose, sight, grain.other(), out),
-            Show::Rgb => self.show_colours(&pose, sight, grain.other(), out),
+            ImageType::Depth => self.show_depth(&pose, sight, grain, out),
+            ImageType::Segmentation => self.show_classes(&pose, sight, grain.other(), out),
+            ImageType::Normals => self.show_normals(&pose, sight, grain.other(), out),
+            ImageType::Rgb => self.show_colours(&pose, sight, grain.other(), out),
         }
     }
 

@@ -247,7 +247,7 @@ impl Dropout {
 /// Rate and latency: sample j is taken in step j·`every` and read from step j·`every` + `latency` on. Before the first arrives,
 /// it is read all the same, so that no reading is older than its episode.
 #[derive(Debug, Clone)]
-pub(crate) struct Line {
+pub(crate) struct DelayLine {
     every: u64,
     latency: u64,
     /// Numbers of a sample.
@@ -258,7 +258,7 @@ pub(crate) struct Line {
     step: u64,
 }
 
-impl Line {
+impl DelayLine {
     /// # Errors
     /// [`Error::Limit`] where more numbers would be held back than a sensor may.
     pub(crate) fn new(what: &str, every: u64, latency: u64, width: usize) -> Result<Self> {

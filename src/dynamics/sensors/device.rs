@@ -1,7 +1,7 @@
 //! What every kind of sensor does.
 
 use super::mount::Motion;
-use super::sight::Sight;
+use super::sight::SensorContext;
 use base::error::Result;
 use rng::Stream;
 use std::borrow::Cow;
@@ -12,7 +12,7 @@ pub(crate) trait Device {
     fn draw(&mut self, stream: &mut Stream);
 
     /// Measures; `out` holds the sample before.
-    fn sample(&mut self, at: &Motion, sight: &mut Sight<'_>, stream: &mut Stream, out: &mut [f64]);
+    fn sample(&mut self, at: &Motion, sight: &mut SensorContext<'_>, stream: &mut Stream, out: &mut [f64]);
 
     /// Visits what changes from sample to sample.
     fn each(&mut self, visit: &mut dyn FnMut(&mut f64));
@@ -23,7 +23,7 @@ pub type Channel = (Cow<'static, str>, &'static str);
 
 /// How the numbers of a reading lie about each other.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Layout {
+pub enum ReadingLayout {
     /// One behind the other.
     Vector,
     /// Rows of pixels from above, all channels of a pixel together.
@@ -57,8 +57,8 @@ pub(crate) trait KindSettings {
     }
 
     /// How they lie.
-    fn layout(&self) -> Layout {
-        Layout::Vector
+    fn layout(&self) -> ReadingLayout {
+        ReadingLayout::Vector
     }
 
     /// Least and largest reading; infinite where there is none.

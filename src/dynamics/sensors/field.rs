@@ -4,7 +4,7 @@ use super::chain::{ErrorModel, Errors};
 use super::device::{Device, KindSettings};
 use super::limits::{MAX_DISTANCE, within};
 use super::mount::Motion;
-use super::sight::Sight;
+use super::sight::SensorContext;
 use crate::spatial::{Vec3, rotate_back};
 use base::error::Result;
 use rng::Stream;
@@ -54,7 +54,7 @@ impl Device for MagnetometerDevice {
         self.errors.draw(stream);
     }
 
-    fn sample(&mut self, at: &Motion, _: &mut Sight<'_>, stream: &mut Stream, out: &mut [f64]) {
+    fn sample(&mut self, at: &Motion, _: &mut SensorContext<'_>, stream: &mut Stream, out: &mut [f64]) {
         out.copy_from_slice(&self.errors.apply(rotate_back(at.attitude, self.field), stream));
     }
 
@@ -125,7 +125,7 @@ impl Device for BarometerDevice {
         self.errors.draw(stream);
     }
 
-    fn sample(&mut self, at: &Motion, _: &mut Sight<'_>, stream: &mut Stream, out: &mut [f64]) {
+    fn sample(&mut self, at: &Motion, _: &mut SensorContext<'_>, stream: &mut Stream, out: &mut [f64]) {
         let air = pressure(self.altitude + at.position[2]) + self.count * self.drift;
         self.count += 1.0;
         out.copy_from_slice(&self.errors.apply([air], stream));

@@ -4,7 +4,7 @@ use super::chain::{Dropout, ErrorModel, Errors};
 use super::device::{Device, KindSettings};
 use super::limits::within;
 use super::mount::Motion;
-use super::sight::Sight;
+use super::sight::SensorContext;
 use crate::spatial::{exponential, multiply};
 use base::error::Result;
 use rng::Stream;
@@ -57,7 +57,7 @@ impl Device for GnssDevice {
         self.velocity.draw(stream);
     }
 
-    fn sample(&mut self, at: &Motion, _: &mut Sight<'_>, stream: &mut Stream, out: &mut [f64]) {
+    fn sample(&mut self, at: &Motion, _: &mut SensorContext<'_>, stream: &mut Stream, out: &mut [f64]) {
         out[..3].copy_from_slice(&self.position.apply(at.position, stream));
         out[3..].copy_from_slice(&self.velocity.apply(at.velocity, stream));
     }
@@ -128,7 +128,7 @@ impl Device for MotionCaptureDevice {
         self.dropout.draw();
     }
 
-    fn sample(&mut self, at: &Motion, _: &mut Sight<'_>, stream: &mut Stream, out: &mut [f64]) {
+    fn sample(&mut self, at: &Motion, _: &mut SensorContext<'_>, stream: &mut Stream, out: &mut [f64]) {
         let lost = self.dropout.next(stream);
         let position = self.position.apply(at.position, stream);
         let attitude = multiply(at.attitude, exponential(self.attitude.apply([0.0; 3], stream)));

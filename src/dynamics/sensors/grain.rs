@@ -5,7 +5,7 @@
 
 /// Noise of one sample.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Grain {
+pub(crate) struct SampleNoise {
     key: u64,
 }
 
@@ -16,7 +16,7 @@ const SPREAD: f64 = 37_837.227_227_983_36;
 /// Its mean.
 const MEAN: f64 = 131_070.0;
 
-impl Grain {
+impl SampleNoise {
     pub(crate) fn new(key: u64) -> Self {
         Self { key }
     }
@@ -53,12 +53,12 @@ mod tests {
 
     #[test]
     fn grain_has_mean_0_variance_1_and_no_memory() {
-        let (n, grain) = (1_000_000, Grain::new(7));
+        let (n, grain) = (1_000_000, SampleNoise::new(7));
         let moment = |f: &dyn Fn(usize) -> f64| (0..n).map(f).sum::<f64>() / n as f64;
         let (mean, square) = (moment(&|i| grain.normal(i)), moment(&|i| grain.normal(i).powi(2)));
         let fourth = moment(&|i| grain.normal(i).powi(4));
         let next = moment(&|i| grain.normal(i) * grain.normal(i + 1));
-        let beside = moment(&|i| grain.normal(i) * Grain::new(8).normal(i));
+        let beside = moment(&|i| grain.normal(i) * SampleNoise::new(8).normal(i));
         let other = moment(&|i| grain.normal(i) * grain.other().normal(i));
         // four standard errors of a mean of a million: 4e-3; of squares 5.2e-3
         for x in [mean, next, beside, other] {

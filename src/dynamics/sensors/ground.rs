@@ -8,8 +8,8 @@ use super::chain::{ErrorModel, Errors};
 use super::device::{Device, KindSettings};
 use super::limits::{MAX_DISTANCE, within};
 use super::mount::Motion;
-use super::sight::{Readings, Sight};
-use super::slope::Met;
+use super::sight::{Readings, SensorContext};
+use super::slope::ReadingRay;
 use crate::shape::{MAX_SIZE, Pose};
 use crate::spatial::{Vec3, rotate_back, up_axis};
 use base::defaults::with_defaults;
@@ -22,7 +22,7 @@ use std::sync::Arc;
 /// White noise that grows with distance: by 1 + factor^((d − from)/(until − from)).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Growth {
+pub struct NoiseGrowth {
     /// Where it has doubled, m.
     pub from: f64,
     /// Where it is 1 + `factor` times as strong, m.
@@ -31,7 +31,7 @@ pub struct Growth {
     pub factor: f64,
 }
 
-impl Growth {
+impl NoiseGrowth {
     /// At distance d, m; beyond `until` as there.
     fn share(&self, d: f64) -> f64 {
         1.0 + self.factor.powf(((d - self.from) / (self.until - self.from)).min(1.0))
@@ -70,7 +70,7 @@ with_defaults! {
         pub farthest: f64 = 40.0,
         /// How the white noise of `error` grows; without it, not at all.
         #[serde(skip_serializing_if = "Option::is_none")]
-        pub growth: Option<Growth> = None,
+        pub growth: Option<NoiseGrowth> = None,
         /// u is m.
         pub error: ErrorModel = ErrorModel::default(),
     }
@@ -117,14 +117,14 @@ impl RangeDevice {
         });
         let n = if settings.cone > 0.0 { 6 } else { 0 };
         let directions: Vec<_> = std::iter::once([0.0, 0.0, -1.0]).chain(rim.take(n)).collect();
-        let range = cast::Range { least: 0.0, most: settings.farthest.min(MAX_SIZE) };
+        let range = cast::RangeLimits { least: 0.0, most: settings.farthest.min(MAX_SIZE) };
         let rays = Arc::new(Rays::new(&directions, range)?);
         Ok(Self { settings: settings.clone(), rays, errors: Errors::new(&settings.error, between) })
     }
 
     /// The nearest of all that is in the cone, m; infinite where there is nothing. With the ray that met it, where slopes are
     /// told.
-    fn nearest(&self, at: &Motion, sight: &mut Sight<'_>) -> f64 {
+    fn nearest(&self, at: &Motion, sight: &mut SensorContext<'_>) -> f64 {
         let pose = Pose { position: at.position, attitude: at.attitude };
         let Readings { ranges, ids, met, world, .. } = sight.rays(&self.rays, &pose);
         let angle = self.angle(at);
@@ -140,7 +140,7 @@ impl RangeDevice {
                 Some(i) => (ids[i], self.rays.direction(i)),
                 None => (GROUND, towards_ground(at, angle)),
             };
-            met.push(Met { id, t: distance, direction, factor: 1.0 });
+            met.push(ReadingRay { id, t: distance, direction, factor: 1.0 });
         }
         distance
     }
@@ -173,7 +173,7 @@ impl Device for RangeDevice {
         self.errors.draw(stream);
     }
 
-    fn sample(&mut self, at: &Motion, sight: &mut Sight<'_>, stream: &mut Stream, out: &mut [f64]) {
+    fn sample(&mut self, at: &Motion, sight: &mut SensorContext<'_>, stream: &mut Stream, out: &mut [f64]) {
         let (distance, farthest) = (self.nearest(at, sight), self.settings.farthest);
         let measures = |d: f64| (self.settings.nearest..=farthest).contains(&d);
         let shown = if measures(distance) { distance } else { farthest };
@@ -183,7 +183,7 @@ impl Device for RangeDevice {
         sight.finish(|met| {
             let slope = self.errors.slope()[0][0];
             met.iter_mut().for_each(|met| met.factor *= if valid { slope } else { 0.0 });
-            met.push(Met::NOTHING); // `valid` is a step
+            met.push(ReadingRay::NOTHING); // `valid` is a step
         });
         out.copy_from_slice(&if valid { [measured, 1.0] } else { [farthest, 0.0] });
     }
@@ -256,7 +256,7 @@ impl Device for FlowDevice {
         self.errors.draw(stream);
     }
 
-    fn sample(&mut self, at: &Motion, _: &mut Sight<'_>, stream: &mut Stream, out: &mut [f64]) {
+    fn sample(&mut self, at: &Motion, _: &mut SensorContext<'_>, stream: &mut Stream, out: &mut [f64]) {
         let cosine = up_axis(at.attitude)[2];
         let distance = if cosine > 0.0 { (at.position[2] - self.settings.ground) / cosine } else { f64::INFINITY };
         let valid = distance > 0.0 && (self.settings.nearest..=self.settings.farthest).contains(&distance);

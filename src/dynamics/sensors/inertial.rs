@@ -3,7 +3,7 @@
 use super::chain::{ErrorModel, Errors};
 use super::device::{Device, KindSettings};
 use super::mount::Motion;
-use super::sight::Sight;
+use super::sight::SensorContext;
 use base::error::Result;
 use rng::Stream;
 use serde::{Deserialize, Serialize};
@@ -56,7 +56,7 @@ impl Device for ImuDevice {
         self.gyroscope.draw(stream);
     }
 
-    fn sample(&mut self, at: &Motion, _: &mut Sight<'_>, stream: &mut Stream, out: &mut [f64]) {
+    fn sample(&mut self, at: &Motion, _: &mut SensorContext<'_>, stream: &mut Stream, out: &mut [f64]) {
         out[..3].copy_from_slice(&self.accelerometer.apply(at.specific_force, stream));
         out[3..].copy_from_slice(&self.gyroscope.apply(at.angular_velocity, stream));
     }

@@ -1,7 +1,7 @@
 //! The kinds of sensors, one line each.
 
-use super::camera::{Camera, CameraDevice, Show};
-use super::device::{Channel, Device, KindSettings, Layout};
+use super::camera::{Camera, CameraDevice, ImageType};
+use super::device::{Channel, Device, KindSettings, ReadingLayout};
 use super::field::{Barometer, BarometerDevice, Magnetometer, MagnetometerDevice};
 use super::gnss::{Gnss, GnssDevice, MotionCapture, MotionCaptureDevice};
 use super::ground::{Flow, FlowDevice, Range, RangeDevice};
@@ -15,20 +15,20 @@ use serde::de::DeserializeOwned;
 
 /// One kind of sensor, as a line of [`KINDS`].
 #[derive(Clone, Copy)]
-pub struct Kind {
+pub struct SensorKind {
     /// In settings.
     pub name: &'static str,
     /// What it measures.
     pub about: &'static str,
     /// Keys that stand in a table only where they are given.
     pub(crate) optional: &'static [&'static str],
-    read: fn(toml::Table, &str) -> Result<Model>,
-    ideal: fn() -> Model,
+    read: fn(toml::Table, &str) -> Result<SensorModel>,
+    ideal: fn() -> SensorModel,
 }
 
-impl Kind {
+impl SensorKind {
     /// Without errors, at its default place in the world.
-    pub fn ideal(&self) -> Model {
+    pub fn ideal(&self) -> SensorModel {
         (self.ideal)()
     }
 
@@ -45,12 +45,12 @@ impl Kind {
     }
 
     /// From a table of settings; `place` names it in errors.
-    pub(crate) fn read(&self, table: toml::Table, place: &str) -> Result<Model> {
+    pub(crate) fn read(&self, table: toml::Table, place: &str) -> Result<SensorModel> {
         (self.read)(table, place)
     }
 }
 
-impl std::fmt::Debug for Kind {
+impl std::fmt::Debug for SensorKind {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(self.name)
     }
@@ -69,22 +69,22 @@ macro_rules! kinds {
     ($($name:literal, $kind:ident, $device:ident, $about:literal;)+) => {
         /// What a sensor measures and how wrongly.
         #[derive(Debug, Clone, PartialEq)]
-        pub enum Model {
+        pub enum SensorModel {
             $(#[doc = $about] $kind($kind),)+
         }
 
         /// Every kind.
-        pub const KINDS: &[Kind] = &[
-            $(Kind {
+        pub const KINDS: &[SensorKind] = &[
+            $(SensorKind {
                 name: $name,
                 about: $about,
                 optional: $kind::OPTIONAL,
-                read: |table, place| read(table, place).map(Model::$kind),
-                ideal: || Model::$kind($kind::default()),
+                read: |table, place| read(table, place).map(SensorModel::$kind),
+                ideal: || SensorModel::$kind($kind::default()),
             },)+
         ];
 
-        impl Model {
+        impl SensorModel {
             /// Its name in settings.
             pub fn kind(&self) -> &'static str {
                 match self { $(Self::$kind(_) => $name,)+ }
@@ -96,7 +96,7 @@ macro_rules! kinds {
             }
 
             /// How they lie about each other.
-            pub fn layout(&self) -> Layout {
+            pub fn layout(&self) -> ReadingLayout {
                 match self { $(Self::$kind(settings) => settings.layout(),)+ }
             }
 
@@ -105,11 +105,11 @@ macro_rules! kinds {
                 match self { $(Self::$kind(settings) => settings.bounds(),)+ }
             }
 
-            /// Whether its readings have slopes in the pose: [`Gradient::Pose`](super::Gradient::Pose).
+            /// Whether its readings have slopes in the pose: [`SensorGradient::Pose`](super::SensorGradient::Pose).
             pub fn has_slopes(&self) -> bool {
                 match self {
                     Self::Lidar(_) | Self::Range(_) => true,
-                    Self::Camera(camera) => camera.show == Show::Depth,
+                    Self::Camera(camera) => camera.show == ImageType::Depth,
                     _ => false,
                 }
             }
@@ -123,18 +123,18 @@ macro_rules! kinds {
                 match self { $(Self::$kind(settings) => table(settings),)+ }
             }
 
-            pub(crate) fn at_work(&self, between: f64) -> Result<AtWork> {
-                Ok(match self { $(Self::$kind(settings) => AtWork::$kind($device::new(settings, between)?),)+ })
+            pub(crate) fn at_work(&self, between: f64) -> Result<SensorInstance> {
+                Ok(match self { $(Self::$kind(settings) => SensorInstance::$kind($device::new(settings, between)?),)+ })
             }
         }
 
-        /// A [`Model`] with its state.
+        /// A [`SensorModel`] with its state.
         #[derive(Debug, Clone)]
-        pub(crate) enum AtWork {
+        pub(crate) enum SensorInstance {
             $($kind($device),)+
         }
 
-        impl AtWork {
+        impl SensorInstance {
             pub(crate) fn device(&mut self) -> &mut dyn Device {
                 match self { $(Self::$kind(device) => device,)+ }
             }

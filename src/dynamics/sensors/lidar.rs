@@ -1,13 +1,13 @@
 //! Lidars: distances along beams, in a grid or scattered.
 
-use super::cast::{Range, Rays};
-use super::device::{Channel, Device, KindSettings, Layout};
-use super::grain::Grain;
+use super::cast::{RangeLimits, Rays};
+use super::device::{Channel, Device, KindSettings, ReadingLayout};
+use super::grain::SampleNoise;
 use super::limits::within;
 use super::mount::Motion;
-use super::reading::{Form, MOST_LOST, check_count, is_lost};
-use super::sight::{Readings, Sight};
-use super::slope::Met;
+use super::reading::{DistanceEncoding, MOST_LOST, check_count, is_lost};
+use super::sight::{Readings, SensorContext};
+use super::slope::ReadingRay;
 use crate::shape::Pose;
 use crate::spatial::Vec3;
 use base::error::{Error, Result};
@@ -49,7 +49,7 @@ pub struct Lidar {
     /// Largest distance that it measures, m.
     pub farthest: f64,
     /// How distances are told.
-    pub form: Form,
+    pub form: DistanceEncoding,
     /// a, m, b and c, 1/m.
     pub noise: [f64; 3],
     /// Share of beams that are lost, each on its own.
@@ -65,7 +65,7 @@ impl Default for Lidar {
             pattern: Pattern::Grid,
             nearest: 0.0,
             farthest: 4.0,
-            form: Form::Distance,
+            form: DistanceEncoding::Distance,
             noise: [0.0; 3],
             dropout: 0.0,
         }
@@ -77,8 +77,8 @@ impl Lidar {
         self.beams.saturating_mul(self.elevations.len())
     }
 
-    fn range(&self) -> Range {
-        Range { least: self.nearest, most: self.farthest }
+    fn range(&self) -> RangeLimits {
+        RangeLimits { least: self.nearest, most: self.farthest }
     }
 
     /// Lowest and highest elevation, rad.
@@ -92,8 +92,8 @@ impl KindSettings for Lidar {
         (0..self.count()).map(|i| (format!("range_{i}").into(), self.form.unit())).collect()
     }
 
-    fn layout(&self) -> Layout {
-        Layout::Lidar { rows: self.beams, columns: self.elevations.len() }
+    fn layout(&self) -> ReadingLayout {
+        ReadingLayout::Lidar { rows: self.beams, columns: self.elevations.len() }
     }
 
     fn bounds(&self) -> [f64; 2] {
@@ -159,11 +159,11 @@ impl Device for LidarDevice {
         self.count = stream.below(1 << 24) as f64;
     }
 
-    fn sample(&mut self, at: &Motion, sight: &mut Sight<'_>, stream: &mut Stream, out: &mut [f64]) {
+    fn sample(&mut self, at: &Motion, sight: &mut SensorContext<'_>, stream: &mut Stream, out: &mut [f64]) {
         if self.settings.pattern == Pattern::Scatter {
             self.scatter();
         }
-        let (own, grain) = (&self.settings, Grain::new(stream.next_u64()));
+        let (own, grain) = (&self.settings, SampleNoise::new(stream.next_u64()));
         let (lost, [a, b, c]) = (grain.other(), own.noise);
         // as rays tell it
         let farthest = f64::from(own.farthest as f32);
@@ -180,7 +180,7 @@ impl Device for LidarDevice {
             if let Some(met) = &mut met {
                 let free = seen && (own.nearest..own.farthest).contains(&d);
                 let factor = if free { own.form.slope(d) } else { 0.0 };
-                met.push(Met { id: ids[i], t, direction: self.rays.direction(i), factor });
+                met.push(ReadingRay { id: ids[i], t, direction: self.rays.direction(i), factor });
             }
             let d = if seen { d.clamp(own.nearest, own.farthest) } else { own.farthest };
             *reading = own.form.of(d, own.farthest);

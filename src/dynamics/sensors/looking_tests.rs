@@ -1,6 +1,6 @@
 //! Claims about sensors that look: what they see, and what goes wrong with it.
 
-use super::cast::World;
+use super::cast::RayScene;
 use super::*;
 use crate::configurations;
 use crate::plant::Plant;
@@ -12,9 +12,9 @@ use autodiff::System;
 
 const UPRIGHT: [f64; 4] = [1.0, 0.0, 0.0, 0.0];
 
-fn resting(position: Vec3<f64>, attitude: [f64; 4]) -> Truth {
+fn resting(position: Vec3<f64>, attitude: [f64; 4]) -> GroundTruth {
     let frame = Frame { position, velocity: [0.0; 3], attitude, angular_velocity: [0.0; 3] };
-    Truth::at(&frame, [0.0; 3], [0.0; 3], 9.81)
+    GroundTruth::at(&frame, [0.0; 3], [0.0; 3], 9.81)
 }
 
 fn made(text: &str) -> Sensor {
@@ -23,14 +23,14 @@ fn made(text: &str) -> Sensor {
 }
 
 /// Reads at rest, 1 m up, with what `fill` puts into the world.
-fn look(sensor: &mut Sensor, fill: impl FnOnce(&mut World)) -> Vec<f64> {
-    let (mut world, mut eyes) = (World::default(), Eyes::default());
+fn look(sensor: &mut Sensor, fill: impl FnOnce(&mut RayScene)) -> Vec<f64> {
+    let (mut world, mut eyes) = (RayScene::default(), RayScratch::default());
     fill(&mut world);
-    sensor.step(&resting([0.0, 0.0, 1.0], UPRIGHT), &mut Sight::new(&mut world, &[], &mut eyes)).to_vec()
+    sensor.step(&resting([0.0, 0.0, 1.0], UPRIGHT), &mut SensorContext::new(&mut world, &[], &mut eyes)).to_vec()
 }
 
 /// A wall across x at a distance, this wide to either side.
-fn wall(distance: f64, half_width: f64) -> impl FnOnce(&mut World) {
+fn wall(distance: f64, half_width: f64) -> impl FnOnce(&mut RayScene) {
     let text = format!(
         "[[obstacles]]\nname = 'wall'\nshape = {{ geometry = {{ box = {{ size = [0.2, {}, 40] }} }}, position = [{}, 0, 0] }}",
         2.0 * half_width,
@@ -64,9 +64,9 @@ fn noise_of_a_lidar_is_a_polynomial_of_the_distance_and_lost_beams_see_nothing()
     let mut sensor = made(text);
     sensor.reset(5, 0, 0);
     let pose = Pose { position: [4.5, 0.0, 1.0], attitude: UPRIGHT };
-    let wall = [Solid { body: 1, geometry: Geometry::Box { size: [1.0, 400.0, 2.0] }, pose }];
-    let (mut world, mut eyes) = (World::default(), Eyes::default());
-    let mut sight = Sight::new(&mut world, &wall, &mut eyes);
+    let wall = [PosedShape { body: 1, geometry: Geometry::Box { size: [1.0, 400.0, 2.0] }, pose }];
+    let (mut world, mut eyes) = (RayScene::default(), RayScratch::default());
+    let mut sight = SensorContext::new(&mut world, &wall, &mut eyes);
     let told = sensor.step(&resting([0.0, 0.0, 1.0], UPRIGHT), &mut sight);
     let (mut sum, mut n, mut lost, mut met) = (0.0, 0.0, 0.0, 0.0);
     for (i, d) in told.iter().enumerate() {
@@ -96,7 +96,7 @@ fn noise_of_a_lidar_is_a_polynomial_of_the_distance_and_lost_beams_see_nothing()
 fn scattered_beams_do_not_repeat_cover_their_band_evenly_and_go_on_after_a_restore() {
     let text =
         "name = 'a'\nkind = 'lidar'\npattern = 'scatter'\nbeams = 500\nelevations = [-0.2, 0.9]\nfarthest = 50.0";
-    let ground = |world: &mut World| world.fill(&Scene::grounded(), &[]).unwrap();
+    let ground = |world: &mut RayScene| world.fill(&Scene::grounded(), &[]).unwrap();
     let mut sensor = made(text);
     sensor.reset(1, 2, 3);
     let (a, b) = (look(&mut sensor, ground), look(&mut sensor, ground));
@@ -139,7 +139,7 @@ fn beside_what_is_near_stereo_sees_nothing_as_wide_as_the_difference_of_disparit
         "name = 'a'\nkind = 'camera'\nsize = [400, 2]\nfield_of_view = 1.2\nfarthest = 20.0\n{}",
         STEREO.replace("0.08", "0.0").replace("baseline = 0.05", "baseline = 0.2")
     );
-    let two = |world: &mut World| {
+    let two = |world: &mut RayScene| {
         let text = "[[obstacles]]\nname = 'far'\nshape = { geometry = { box = { size = [0.2, 60, 40] } }, position = [8.1, 0, 0] }\n\
                     [[obstacles]]\nname = 'near'\nshape = { geometry = { box = { size = [0.2, 0.8, 40] } }, position = [2.1, 0, 0] }";
         let scene: Scene = toml::from_str(text).unwrap();
@@ -171,7 +171,7 @@ fn a_pooled_image_tells_the_nearest_pixel_of_every_square() {
 #[test]
 fn a_camera_tells_classes_unit_normals_and_colours_with_shadows() {
     let base = "name = 'a'\nkind = 'camera'\nsize = [32, 24]\nfield_of_view = 1.2\nfarthest = 30.0\n";
-    let scene = |world: &mut World| {
+    let scene = |world: &mut RayScene| {
         let text = "ground = 0.0\n[[obstacles]]\nname = 'p'\nshape = { geometry = { capsule = { radius = 0.3, length = 3 } }, position = [4, 0, 0] }";
         let scene: Scene = toml::from_str(text).unwrap();
         world.fill(&scene, &scene.nominal_placement()).unwrap();
@@ -197,7 +197,7 @@ fn a_camera_tells_classes_unit_normals_and_colours_with_shadows() {
 #[test]
 fn a_range_finder_meets_what_stands_between_it_and_the_ground() {
     let mut sensor = made("name = 'a'\nkind = 'range'\nfarthest = 4.0\ncone = 0.4");
-    let over = |world: &mut World| {
+    let over = |world: &mut RayScene| {
         let text = "ground = 0.0\n[[obstacles]]\nname = 'p'\nshape = { geometry = { box = { size = [1, 1, 0.4] } }, position = [0, 0, 0.2] }";
         let scene: Scene = toml::from_str(text).unwrap();
         world.fill(&scene, &scene.nominal_placement()).unwrap();
@@ -212,7 +212,7 @@ fn a_sensor_sees_other_bodies_of_its_plant_and_not_its_own() {
     let plant = Plant::of_model(&robot, Physics::default()).unwrap();
     let text = "name = 'a'\nkind = 'range'\nfarthest = 4.0\nground = -50.0";
     let config: SensorConfig = toml::from_str(text).unwrap();
-    let mut aboard = Aboard::new(&[config], &plant).unwrap();
+    let mut aboard = OnboardSensors::new(&[config], &plant).unwrap();
     let mut state = plant.hover_state().unwrap();
     state[2] += 30.0;
     let told = aboard.read(&state, &state).to_vec();
@@ -245,18 +245,18 @@ fn sensors_that_look_refuse_what_nothing_can_see() {
 
 #[test]
 fn at_rest_forces_of_contact_sum_to_the_weight() {
-    let mut config = SensorConfig::new("feet", Model::Contact(Contact::default()));
+    let mut config = SensorConfig::new("feet", SensorModel::Contact(Contact::default()));
     let vehicle = crate::vehicles::by_name("hummingbird").unwrap();
     let mut physics = Physics { dt: 0.002, ..Physics::default() };
     let lone = Plant::of_vehicle(&vehicle, physics).unwrap();
-    let said = Aboard::new(&[config.clone()], &lone).map(|_| ()).unwrap_err().to_string();
+    let said = OnboardSensors::new(&[config.clone()], &lone).map(|_| ()).unwrap_err().to_string();
     assert!(said.contains("'feet'") && said.contains("effect contact"), "{said}");
 
     physics.effects.contact = true;
     let model = configurations::environment::vehicle_in(&vehicle, &Scene::grounded()).unwrap();
     let plant = Plant::of_model(&model, physics).unwrap();
     config.rotation = [0.0, 1.0, 0.0, 0.0];
-    let mut aboard = Aboard::new(&[config], &plant).unwrap();
+    let mut aboard = OnboardSensors::new(&[config], &plant).unwrap();
     let mut state = plant.hover_state().unwrap();
     for rotor in plant.rotor_places() {
         state[rotor.speed] = 0.0;

@@ -30,21 +30,21 @@
 //!
 //! A sensor draws from streams of its own, found from (seed, environment, episode, its name): what it reads depends on these,
 //! on its settings and on the truth, not on threads, on the place in a batch or on other sensors. Stepping allocates nothing.
-//! All is in `f64`. Readings of rays have derivatives by the pose of their body where [`Gradient::Pose`] asks for them, others none.
+//! All is in `f64`. Readings of rays have derivatives by the pose of their body where [`SensorGradient::Pose`] asks for them, others none.
 //!
 //! ```
 //! # use omnidrones_dynamics::omnidrones;
-//! use omnidrones::dynamics::sensors::cast::World;
-//! use omnidrones::dynamics::sensors::{Eyes, SensorConfig, SensorSet, Sight, Truth};
+//! use omnidrones::dynamics::sensors::cast::RayScene;
+//! use omnidrones::dynamics::sensors::{RayScratch, SensorConfig, SensorSet, SensorContext, GroundTruth};
 //! use omnidrones::dynamics::Frame;
 //!
 //! let list = SensorConfig::parse_list("imu,barometer:px4")?;
 //! let mut sensors = SensorSet::new(&list, 0.002, &["drone".to_string()])?;
 //! sensors.reset(7, 0, 1);
 //! let still = Frame { position: [0.0; 3], velocity: [0.0; 3], attitude: [1.0, 0.0, 0.0, 0.0], angular_velocity: [0.0; 3] };
-//! let (mut world, mut eyes) = (World::default(), Eyes::default()); // nothing in sight
-//! let truths = [Truth::at(&still, [0.0; 3], [0.0; 3], 9.81)];
-//! let readings = sensors.step(&truths, &mut Sight::new(&mut world, &[], &mut eyes));
+//! let (mut world, mut eyes) = (RayScene::default(), RayScratch::default()); // nothing in sight
+//! let truths = [GroundTruth::at(&still, [0.0; 3], [0.0; 3], 9.81)];
+//! let readings = sensors.step(&truths, &mut SensorContext::new(&mut world, &[], &mut eyes));
 //! assert_eq!(readings[2], 9.81); // at rest an accelerometer reads +g upwards
 //! assert_eq!(sensors.channels()[2].name, "imu.accelerometer_z");
 //! # Ok::<(), omnidrones::error::Error>(())
@@ -76,30 +76,30 @@ pub mod solids;
 #[doc(hidden)]
 pub mod touch;
 
-pub use aboard::Aboard;
-pub use camera::{Camera, Show, Stereo};
-pub use cast::normal::Slope;
+pub use aboard::OnboardSensors;
+pub use camera::{Camera, ImageType, Stereo};
+pub use cast::normal::RangeJacobian;
 pub use chain::{ErrorModel, PerAxis};
-pub use device::{Channel, Layout};
+pub use device::{Channel, ReadingLayout};
 pub use field::{Barometer, Magnetometer};
 pub use gnss::{Gnss, MotionCapture};
-pub use ground::{Flow, Growth, Range};
+pub use ground::{Flow, NoiseGrowth, Range};
 pub use inertial::Imu;
-pub use kinds::{KINDS, Kind, Model};
+pub use kinds::{KINDS, SensorKind, SensorModel};
 pub use lidar::{Lidar, Pattern};
-pub use mount::Truth;
+pub use mount::GroundTruth;
 pub use presets::{Preset, preset};
-pub use reading::Form;
+pub use reading::DistanceEncoding;
 pub use settings::{SensorConfig, SensorFile};
-pub use sight::{Eyes, Sight};
-pub use slope::Gradient;
-pub use solids::Solid;
+pub use sight::{RayScratch, SensorContext};
+pub use slope::SensorGradient;
+pub use solids::PosedShape;
 pub use touch::Contact;
 
 use super::plant::Quantity;
 use base::error::{Error, Result};
-use chain::Line;
-use kinds::AtWork;
+use chain::DelayLine;
+use kinds::SensorInstance;
 use mount::Mount;
 use rng::{Purpose, Stream};
 
@@ -115,13 +115,13 @@ pub struct Sensor {
     body: usize,
     purpose: Purpose,
     mount: Mount,
-    device: AtWork,
-    line: Line,
+    device: SensorInstance,
+    line: DelayLine,
     stream: Stream,
     /// As sampled last; what waits for its latency is in the line.
     sample: Vec<f64>,
     /// Of the readings of the last step, one each where they are asked for.
-    slopes: Vec<Slope>,
+    slopes: Vec<RangeJacobian>,
     /// Numbers of a saved state.
     n_saved: usize,
 }
@@ -150,10 +150,10 @@ impl Sensor {
             purpose,
             mount: Mount::new(&place, config.position, config.rotation)?,
             device: config.model.at_work(dt * every as f64)?,
-            line: Line::new(&place, every, latency, width)?,
+            line: DelayLine::new(&place, every, latency, width)?,
             stream: Stream::new(0, 0, 0, purpose),
             sample: vec![0.0; width],
-            slopes: vec![Slope::default(); if config.gradient == Gradient::Pose { width } else { 0 }],
+            slopes: vec![RangeJacobian::default(); if config.gradient == SensorGradient::Pose { width } else { 0 }],
             n_saved: HEAD,
         };
         let mut n_saved = HEAD;
@@ -173,13 +173,13 @@ impl Sensor {
 
     /// Reads after a step, or at the beginning of the episode, what [`channels`](Self::channels) names: of what stands in
     /// `sight` too.
-    pub fn step(&mut self, truth: &Truth, sight: &mut Sight<'_>) -> &[f64] {
+    pub fn step(&mut self, truth: &GroundTruth, sight: &mut SensorContext<'_>) -> &[f64] {
         if self.line.is_due() {
             let motion = self.mount.motion(truth);
             sight.look_from(self.body);
             let tells = sight.begin(!self.slopes.is_empty());
             self.device.device().sample(&motion, sight, &mut self.stream, &mut self.sample);
-            self.slopes.fill(Slope::default());
+            self.slopes.fill(RangeJacobian::default());
             if tells {
                 let (mount, body) = (self.mount.pose(), truth.pose());
                 let each = self.slopes.iter_mut().zip(sight.met());
@@ -196,9 +196,9 @@ impl Sensor {
     }
 
     /// How the readings of the last step change with the pose of the body, reading by reading: ∂/∂position per m along world
-    /// axes, ∂/∂attitude per rad about the body's own. Empty without [`Gradient::Pose`]; noughts where [`Sight::without_slopes`]
+    /// axes, ∂/∂attitude per rad about the body's own. Empty without [`SensorGradient::Pose`]; noughts where [`SensorContext::without_slopes`]
     /// was looked through. Not part of a saved state.
-    pub fn slopes(&self) -> &[Slope] {
+    pub fn slopes(&self) -> &[RangeJacobian] {
         &self.slopes
     }
 
@@ -348,7 +348,7 @@ impl SensorSet {
     ///
     /// # Panics
     /// On fewer truths than there were bodies.
-    pub fn step(&mut self, truths: &[Truth], sight: &mut Sight<'_>) -> &[f64] {
+    pub fn step(&mut self, truths: &[GroundTruth], sight: &mut SensorContext<'_>) -> &[f64] {
         let mut at = 0;
         for sensor in &mut self.sensors {
             let reading = sensor.step(&truths[sensor.body], sight);

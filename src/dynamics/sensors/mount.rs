@@ -8,7 +8,7 @@ use base::error::{Error, Result};
 
 /// How a body moves over a step that just ended, as sensors need it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Truth {
+pub struct GroundTruth {
     /// Of the body's origin at the end of the step, m, world.
     pub position: Vec3<f64>,
     /// Of the body's origin at the end of the step, m/s, world.
@@ -31,7 +31,7 @@ pub struct Truth {
     pub contact_force: Vec3<f64>,
 }
 
-impl Truth {
+impl GroundTruth {
     /// Of the body at the end of the step.
     pub fn pose(&self) -> Pose<f64> {
         Pose { position: self.position, attitude: self.attitude }
@@ -133,7 +133,7 @@ impl Mount {
 
     /// v_s = v + R (ω × r); f = Mᵀ(R_mᵀ(v̇ − g) + ω̇ × r + ω × (ω × r)) with means over the step, R_m that of its middle: the
     /// mean of what turns with the body, to second order in the step.
-    pub(crate) fn motion(&self, truth: &Truth) -> Motion {
+    pub(crate) fn motion(&self, truth: &GroundTruth) -> Motion {
         let (r, q) = (self.position, truth.attitude);
         let (mean, turning) = (truth.mean_angular_velocity, truth.mean_angular_acceleration);
         let felt = add(truth.mean_acceleration, [0.0, 0.0, truth.gravity]);

@@ -7,11 +7,11 @@ use super::camera::{Camera, Stereo};
 use super::chain::{ErrorModel, PerAxis};
 use super::field::{Barometer, Magnetometer};
 use super::gnss::{Gnss, MotionCapture};
-use super::ground::{Flow, Growth, Range};
+use super::ground::{Flow, NoiseGrowth, Range};
 use super::inertial::Imu;
-use super::kinds::Model;
+use super::kinds::SensorModel;
 use super::lidar::{Lidar, Pattern};
-use super::reading::Form;
+use super::reading::DistanceEncoding;
 use PerAxis::{Each, Same};
 use base::error::{Error, Result};
 
@@ -29,7 +29,7 @@ pub struct Preset {
     /// From a sample to its reading, s.
     pub delay: Option<f64>,
     /// Its settings.
-    pub model: fn() -> Model,
+    pub model: fn() -> SensorModel,
 }
 
 /// Every preset.
@@ -40,7 +40,7 @@ pub const REGISTRY: &[Preset] = &[
         source: "Analog Devices ADIS16448: default of RotorS and of PX4's simulated IMU",
         rate: None,
         delay: None,
-        model: || Model::Imu(px4_imu(3.394e-4, 4.0e-3)),
+        model: || SensorModel::Imu(px4_imu(3.394e-4, 4.0e-3)),
     },
     Preset {
         name: "mpu6000",
@@ -50,7 +50,7 @@ pub const REGISTRY: &[Preset] = &[
         delay: None,
         model: || {
             let imu = px4_imu(1.8665e-4, 1.86e-3);
-            Model::Imu(Imu {
+            SensorModel::Imu(Imu {
                 accelerometer: sixteen_bits(imu.accelerometer, 16.0 * STANDARD_GRAVITY),
                 gyroscope: sixteen_bits(imu.gyroscope, 2000_f64.to_radians()),
             })
@@ -69,7 +69,7 @@ pub const REGISTRY: &[Preset] = &[
                 bias_walk: Same(1.36e-3),
                 ..ErrorModel::default()
             };
-            Model::Imu(Imu {
+            SensorModel::Imu(Imu {
                 accelerometer: sixteen_bits(accelerometer, 24.0 * STANDARD_GRAVITY),
                 gyroscope: sixteen_bits(gyroscope, 2000_f64.to_radians()),
             })
@@ -89,7 +89,7 @@ pub const REGISTRY: &[Preset] = &[
                 bias_time: Some(600.0),
                 ..ErrorModel::default()
             };
-            Model::Magnetometer(Magnetometer { error, ..Magnetometer::default() })
+            SensorModel::Magnetometer(Magnetometer { error, ..Magnetometer::default() })
         },
     },
     Preset {
@@ -100,7 +100,7 @@ pub const REGISTRY: &[Preset] = &[
         delay: None,
         model: || {
             let error = ErrorModel { deviation: Same(1.0), ..ErrorModel::default() };
-            Model::Barometer(Barometer { error, ..Barometer::default() })
+            SensorModel::Barometer(Barometer { error, ..Barometer::default() })
         },
     },
     Preset {
@@ -116,7 +116,7 @@ pub const REGISTRY: &[Preset] = &[
                 limits: Some([1.0e3, 1.2e5]),
                 ..ErrorModel::default()
             };
-            Model::Barometer(Barometer { error, ..Barometer::default() })
+            SensorModel::Barometer(Barometer { error, ..Barometer::default() })
         },
     },
     Preset {
@@ -135,7 +135,7 @@ pub const REGISTRY: &[Preset] = &[
                 ..ErrorModel::default()
             };
             let velocity_error = ErrorModel { deviation: Each([0.09, 0.09, 0.18]), ..ErrorModel::default() };
-            Model::Gnss(Gnss { position_error, velocity_error })
+            SensorModel::Gnss(Gnss { position_error, velocity_error })
         },
     },
     Preset {
@@ -145,7 +145,7 @@ pub const REGISTRY: &[Preset] = &[
         rate: Some(100.0),
         delay: Some(0.01),
         model: || {
-            Model::MotionCapture(MotionCapture {
+            SensorModel::MotionCapture(MotionCapture {
                 position_error: ErrorModel { deviation: Same(1e-3), ..ErrorModel::default() },
                 attitude_error: ErrorModel { deviation: Same(0.2_f64.to_radians()), ..ErrorModel::default() },
                 dropout: 0.01,
@@ -160,11 +160,11 @@ pub const REGISTRY: &[Preset] = &[
         rate: Some(50.0),
         delay: None,
         model: || {
-            Model::Range(Range {
+            SensorModel::Range(Range {
                 cone: 27_f64.to_radians(),
                 nearest: 0.04,
                 farthest: 4.0,
-                growth: Some(Growth { from: 2.5, until: 4.0, factor: 80.0 }),
+                growth: Some(NoiseGrowth { from: 2.5, until: 4.0, factor: 80.0 }),
                 error: ErrorModel { deviation: Same(2.5e-3), resolution: 1e-3, ..ErrorModel::default() },
                 ..Range::default()
             })
@@ -178,7 +178,7 @@ pub const REGISTRY: &[Preset] = &[
         delay: None,
         model: || {
             let error = ErrorModel { deviation: Same(0.2), resolution: 0.1, ..ErrorModel::default() };
-            Model::Flow(Flow { error, ..Flow::default() })
+            SensorModel::Flow(Flow { error, ..Flow::default() })
         },
     },
     Preset {
@@ -187,7 +187,7 @@ pub const REGISTRY: &[Preset] = &[
         source: "OmniDrones' Forest: 36 x 4 beams of 4 m, told as 4 m less the distance, without errors",
         rate: None,
         delay: None,
-        model: || Model::Lidar(Lidar { form: Form::Proximity, ..Lidar::default() }),
+        model: || SensorModel::Lidar(Lidar { form: DistanceEncoding::Proximity, ..Lidar::default() }),
     },
     Preset {
         name: "os0",
@@ -197,7 +197,7 @@ pub const REGISTRY: &[Preset] = &[
         delay: None,
         model: || {
             let step = 90_f64.to_radians() / 127.0;
-            Model::Lidar(Lidar {
+            SensorModel::Lidar(Lidar {
                 beams: 512,
                 elevations: (0..128).map(|i| 45_f64.to_radians() - step * i as f64).collect(),
                 nearest: 0.3,
@@ -214,7 +214,7 @@ pub const REGISTRY: &[Preset] = &[
         rate: Some(100.0),
         delay: None,
         model: || {
-            Model::Lidar(Lidar {
+            SensorModel::Lidar(Lidar {
                 beams: 1000,
                 elevations: [-7.0, 52.0].map(f64::to_radians).to_vec(),
                 pattern: Pattern::Scatter,
@@ -232,7 +232,7 @@ pub const REGISTRY: &[Preset] = &[
         rate: Some(30.0),
         delay: None,
         model: || {
-            Model::Camera(Camera {
+            SensorModel::Camera(Camera {
                 field_of_view: 87_f64.to_radians(),
                 nearest: 0.18,
                 stereo: Some(Stereo { focal: 447.0, baseline: 0.05, deviation: 0.08, resolution: 1.0 / 32.0 }),
@@ -248,10 +248,10 @@ pub const REGISTRY: &[Preset] = &[
         rate: None,
         delay: None,
         model: || {
-            Model::Camera(Camera {
+            SensorModel::Camera(Camera {
                 field_of_view: 90_f64.to_radians(),
                 farthest: 24.0,
-                form: Form::Inverse,
+                form: DistanceEncoding::Inverse,
                 pool: 4,
                 ..Camera::default()
             })

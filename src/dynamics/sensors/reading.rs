@@ -1,13 +1,13 @@
 //! How distances are told, and what goes wrong with them.
 
-use super::grain::Grain;
+use super::grain::SampleNoise;
 use base::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
 /// How a distance d becomes a reading. What sees nothing in range counts as `farthest`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Form {
+pub enum DistanceEncoding {
     /// d, m.
     #[default]
     Distance,
@@ -17,7 +17,7 @@ pub enum Form {
     Inverse,
 }
 
-impl Form {
+impl DistanceEncoding {
     /// Of a distance within `farthest`.
     pub(crate) fn of(self, d: f64, farthest: f64) -> f64 {
         match self {
@@ -33,7 +33,7 @@ impl Form {
         [a.min(b), a.max(b)]
     }
 
-    /// Derivative of [`Form::of`].
+    /// Derivative of [`DistanceEncoding::of`].
     pub(crate) fn slope(self, d: f64) -> f64 {
         match self {
             Self::Distance => 1.0,
@@ -56,7 +56,7 @@ impl Form {
 pub(crate) const MOST_LOST: f64 = 0.9;
 
 /// Lost readings see nothing: number `i` with the chance `share`.
-pub(crate) fn is_lost(grain: Grain, i: usize, share: f64) -> bool {
+pub(crate) fn is_lost(grain: SampleNoise, i: usize, share: f64) -> bool {
     share > 0.0 && grain.unit(i) < share
 }
 

@@ -1,9 +1,9 @@
 //! Settings of a sensor, as a `[[sensor]]` table of a TOML file.
 
-use super::kinds::{Kind, Model};
+use super::kinds::{SensorKind, SensorModel};
 use super::limits::{positive, within};
 use super::presets::{Preset, preset};
-use super::slope::Gradient;
+use super::slope::SensorGradient;
 use crate::spatial::{Quat, Vec3};
 use base::error::{Error, Result};
 use base::reader;
@@ -59,14 +59,14 @@ pub struct SensorConfig {
     pub delay: Option<f64>,
     /// What gradients know of its readings; more than nothing for lidars, range finders and cameras that show depth, read in
     /// every step and at once.
-    pub gradient: Gradient,
+    pub gradient: SensorGradient,
     /// What it measures and how wrongly.
-    pub model: Model,
+    pub model: SensorModel,
 }
 
 impl SensorConfig {
     /// A sensor at the origin of the first body, in every step, at once.
-    pub fn new(name: impl Into<String>, model: Model) -> Self {
+    pub fn new(name: impl Into<String>, model: SensorModel) -> Self {
         Self {
             name: name.into(),
             on: None,
@@ -76,7 +76,7 @@ impl SensorConfig {
             rate: None,
             latency: None,
             delay: None,
-            gradient: Gradient::None,
+            gradient: SensorGradient::None,
             model,
         }
     }
@@ -93,7 +93,7 @@ impl SensorConfig {
     pub fn parse_list(text: &str) -> Result<Vec<Self>> {
         let one = |item: &str| {
             let (kind, part) = item.split_once(':').map_or((item, None), |(kind, part)| (kind, Some(part)));
-            let kind = Kind::by_name(kind.trim())?;
+            let kind = SensorKind::by_name(kind.trim())?;
             Ok(match part {
                 Some(part) => Self::of_preset(kind.name, preset(kind.name, part.trim())?),
                 None => Self::new(kind.name, kind.ideal()),
@@ -145,7 +145,7 @@ impl SensorConfig {
 
     /// Refuses slopes of kinds that have none, and of samples that are read in other steps than they were taken in.
     pub(crate) fn check_gradient(&self, every: u64, latency: u64) -> Result<()> {
-        if self.gradient == Gradient::None {
+        if self.gradient == SensorGradient::None {
             return Ok(());
         }
         if !self.model.has_slopes() {
@@ -219,7 +219,7 @@ struct Common {
     rate: Option<f64>,
     latency: Option<u64>,
     delay: Option<f64>,
-    gradient: Option<Gradient>,
+    gradient: Option<SensorGradient>,
 }
 
 /// Of [`Common`].
@@ -239,7 +239,7 @@ impl TryFrom<toml::Table> for SensorConfig {
             }
         }
         let common: Common = reader::of_table(&common).map_err(|fault| fault.in_table(&place))?;
-        let kind = Kind::by_name(&common.kind)?;
+        let kind = SensorKind::by_name(&common.kind)?;
         let base = match &common.preset {
             Some(name) => Self::of_preset(&common.name, preset(kind.name, name)?),
             None => Self::new(&common.name, kind.ideal()),
@@ -264,7 +264,7 @@ impl TryFrom<toml::Table> for SensorConfig {
 }
 
 /// Refuses a key that neither the kind nor all kinds have.
-fn known_keys(place: &str, kind: &Kind, table: &toml::Table) -> Result<()> {
+fn known_keys(place: &str, kind: &SensorKind, table: &toml::Table) -> Result<()> {
     let own = kind.ideal().table();
     let known: Vec<String> =
         own.keys().map(String::as_str).chain(kind.optional.iter().copied()).chain(COMMON).map(String::from).collect();
@@ -300,7 +300,7 @@ impl From<SensorConfig> for toml::Table {
             latency: config.latency,
             delay: config.delay,
             // what says nothing of gradients is written as it always was
-            gradient: (config.gradient != Gradient::None).then_some(config.gradient),
+            gradient: (config.gradient != SensorGradient::None).then_some(config.gradient),
         };
         let mut table = Self::try_from(&common).unwrap_or_default();
         table.extend(config.model.table());

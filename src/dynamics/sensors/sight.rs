@@ -1,28 +1,28 @@
 //! What sensors that cast rays look at, and what they work with.
 
-use super::cast::{Camera, Caster, Rays, World};
-use super::slope::Met;
-use super::solids::Solid;
+use super::cast::{PinholeCamera, RayCaster, RayScene, Rays};
+use super::slope::ReadingRay;
+use super::solids::PosedShape;
 use crate::shape::Pose;
 
 /// Working memory of sensors that cast rays: of one thread. It grows to the largest image and world it has met, and then
 /// allocates no more.
 #[derive(Debug, Clone, Default)]
-pub struct Eyes {
-    caster: Caster,
+pub struct RayScratch {
+    caster: RayCaster,
     ranges: Vec<f32>,
     ids: Vec<u32>,
-    met: Vec<Met>,
+    met: Vec<ReadingRay>,
 }
 
 /// What stands and moves around sensors, and the memory to look at it.
 ///
 /// Sensors look past the body that carries them: they see ground, gates, obstacles and all other bodies.
 #[derive(Debug)]
-pub struct Sight<'a> {
-    world: &'a mut World,
-    solids: &'a [Solid],
-    eyes: &'a mut Eyes,
+pub struct SensorContext<'a> {
+    world: &'a mut RayScene,
+    solids: &'a [PosedShape],
+    eyes: &'a mut RayScratch,
     /// The body whose solids are left out of the world now.
     from: Option<usize>,
     /// Whether slopes are told to who has them.
@@ -31,19 +31,19 @@ pub struct Sight<'a> {
     tells: bool,
 }
 
-impl<'a> Sight<'a> {
-    /// Of a world as [`World::fill`] made it, with these bodies in it; `eyes` are those of the thread.
-    pub fn new(world: &'a mut World, solids: &'a [Solid], eyes: &'a mut Eyes) -> Self {
+impl<'a> SensorContext<'a> {
+    /// Of a world as [`RayScene::fill`] made it, with these bodies in it; `eyes` are those of the thread.
+    pub fn new(world: &'a mut RayScene, solids: &'a [PosedShape], eyes: &'a mut RayScratch) -> Self {
         Self { world, solids, eyes, from: None, has_slopes: true, tells: false }
     }
 
-    /// Spares sensors with a [`Gradient`](super::Gradient) the work for it: their slopes are noughts.
+    /// Spares sensors with a [`SensorGradient`](super::SensorGradient) the work for it: their slopes are noughts.
     pub fn without_slopes(self) -> Self {
         Self { has_slopes: false, ..self }
     }
 
     /// The world as the sensor that looks now sees it.
-    pub fn world(&self) -> &World {
+    pub fn world(&self) -> &RayScene {
         self.world
     }
 
@@ -68,20 +68,20 @@ impl<'a> Sight<'a> {
     }
 
     /// Changes what the sensor that samples now told, if it tells.
-    pub(crate) fn finish(&mut self, change: impl FnOnce(&mut Vec<Met>)) {
+    pub(crate) fn finish(&mut self, change: impl FnOnce(&mut Vec<ReadingRay>)) {
         if self.tells {
             change(&mut self.eyes.met);
         }
     }
 
     /// What gave the readings of the sensor that sampled last, reading by reading, if it tells.
-    pub(crate) fn met(&self) -> &[Met] {
+    pub(crate) fn met(&self) -> &[ReadingRay] {
         &self.eyes.met
     }
 
     /// Distances along all rays from `pose` (their frame → world), m, and the ids of what they hit.
     pub(crate) fn rays(&mut self, rays: &Rays, pose: &Pose<f64>) -> Readings<'_> {
-        let Eyes { caster, ranges, ids, met } = self.eyes;
+        let RayScratch { caster, ranges, ids, met } = self.eyes;
         let n = rays.n_ray();
         make_room(ranges, ids, n);
         caster.rays(self.world, rays, pose, &mut ranges[..n], &mut ids[..n]);
@@ -90,8 +90,8 @@ impl<'a> Sight<'a> {
     }
 
     /// Planar depths of all pixels of a camera at `pose`, m, row by row, and the ids of what they see.
-    pub(crate) fn image(&mut self, camera: &Camera, pose: &Pose<f64>) -> Readings<'_> {
-        let Eyes { caster, ranges, ids, met } = self.eyes;
+    pub(crate) fn image(&mut self, camera: &PinholeCamera, pose: &Pose<f64>) -> Readings<'_> {
+        let RayScratch { caster, ranges, ids, met } = self.eyes;
         let [width, height] = camera.size();
         let n = width * height;
         make_room(ranges, ids, n);
@@ -106,9 +106,9 @@ pub(crate) struct Readings<'a> {
     /// m.
     pub ranges: &'a mut [f32],
     pub ids: &'a [u32],
-    pub world: &'a World,
+    pub world: &'a RayScene,
     /// Of one entry per reading, where the sensor is to tell what they met.
-    pub met: Option<&'a mut Vec<Met>>,
+    pub met: Option<&'a mut Vec<ReadingRay>>,
 }
 
 fn make_room(ranges: &mut Vec<f32>, ids: &mut Vec<u32>, n: usize) {

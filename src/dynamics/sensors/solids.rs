@@ -9,7 +9,7 @@ use crate::tree::parameters::static_parameters;
 
 /// A shape that a body carries, where it is now.
 #[derive(Debug, Clone, Copy)]
-pub struct Solid {
+pub struct PosedShape {
     /// Number of the body.
     pub body: usize,
     /// Its shape.
@@ -23,7 +23,7 @@ pub struct Solid {
 pub struct Solids {
     /// In the frames of their bodies.
     shapes: Vec<(usize, Shape)>,
-    now: Vec<Solid>,
+    now: Vec<PosedShape>,
 }
 
 impl Solids {
@@ -46,11 +46,11 @@ impl Solids {
 
     /// Where bodies with these frames have them.
     #[doc(hidden)]
-    pub fn at(&mut self, frame: impl Fn(usize) -> Frame<f64>) -> &[Solid] {
+    pub fn at(&mut self, frame: impl Fn(usize) -> Frame<f64>) -> &[PosedShape] {
         self.now.clear();
         self.now.extend(self.shapes.iter().map(|(body, shape)| {
             let Frame { position, attitude, .. } = frame(*body);
-            Solid { body: *body, geometry: shape.geometry, pose: shape.pose(&Pose { position, attitude }) }
+            PosedShape { body: *body, geometry: shape.geometry, pose: shape.pose(&Pose { position, attitude }) }
         }));
         &self.now
     }

@@ -1,4 +1,4 @@
-use super::cast::World;
+use super::cast::RayScene;
 use super::presets::preset;
 use super::*;
 use crate::Frame;
@@ -11,8 +11,8 @@ fn frame(position: [f64; 3], velocity: [f64; 3], attitude: [f64; 4], angular_vel
     Frame { position, velocity, attitude, angular_velocity }
 }
 
-fn resting(position: [f64; 3], attitude: [f64; 4]) -> Truth {
-    Truth::at(&frame(position, [0.0; 3], attitude, [0.0; 3]), [0.0; 3], [0.0; 3], G)
+fn resting(position: [f64; 3], attitude: [f64; 4]) -> GroundTruth {
+    GroundTruth::at(&frame(position, [0.0; 3], attitude, [0.0; 3]), [0.0; 3], [0.0; 3], G)
 }
 
 fn made(config: &SensorConfig, dt: f64) -> Sensor {
@@ -20,11 +20,11 @@ fn made(config: &SensorConfig, dt: f64) -> Sensor {
 }
 
 fn ideal(kind: &str) -> SensorConfig {
-    SensorConfig::new(kind, Kind::by_name(kind).unwrap().ideal())
+    SensorConfig::new(kind, SensorKind::by_name(kind).unwrap().ideal())
 }
 
 fn gyroscope(error: ErrorModel) -> SensorConfig {
-    SensorConfig::new("imu", Model::Imu(Imu { gyroscope: error, ..Imu::default() }))
+    SensorConfig::new("imu", SensorModel::Imu(Imu { gyroscope: error, ..Imu::default() }))
 }
 
 fn of_toml(text: &str) -> std::result::Result<SensorConfig, toml::de::Error> {
@@ -36,24 +36,24 @@ trait Blind<T: ?Sized> {
     fn read(&mut self, truth: &T) -> &[f64];
 }
 
-impl Blind<Truth> for Sensor {
-    fn read(&mut self, truth: &Truth) -> &[f64] {
-        self.step(truth, &mut Sight::new(&mut World::default(), &[], &mut Eyes::default()))
+impl Blind<GroundTruth> for Sensor {
+    fn read(&mut self, truth: &GroundTruth) -> &[f64] {
+        self.step(truth, &mut SensorContext::new(&mut RayScene::default(), &[], &mut RayScratch::default()))
     }
 }
 
-impl Blind<[Truth]> for SensorSet {
-    fn read(&mut self, truths: &[Truth]) -> &[f64] {
-        self.step(truths, &mut Sight::new(&mut World::default(), &[], &mut Eyes::default()))
+impl Blind<[GroundTruth]> for SensorSet {
+    fn read(&mut self, truths: &[GroundTruth]) -> &[f64] {
+        self.step(truths, &mut SensorContext::new(&mut RayScene::default(), &[], &mut RayScratch::default()))
     }
 }
 
 /// Any motion, for tests of what does not depend on it.
-fn wandering(k: u64) -> Truth {
+fn wandering(k: u64) -> GroundTruth {
     let t = 0.002 * k as f64;
     let attitude = from_euler(0.2 * t.sin(), 0.3 * (2.0 * t).sin(), t);
     let frame = frame([t.sin(), t.cos(), 1.0 + 0.3 * t.sin()], [t.cos(), -t.sin(), 0.1], attitude, [0.1, 0.2 * t, 0.3]);
-    Truth::at(&frame, [t.sin(), 0.2, 0.0], [0.1, 0.0, t.cos()], G)
+    GroundTruth::at(&frame, [t.sin(), 0.2, 0.0], [0.1, 0.0, t.cos()], G)
 }
 
 /// The three axes of a resting gyroscope, `n` samples every `dt` seconds.
@@ -166,7 +166,7 @@ fn biases_scales_and_misalignments_are_drawn_per_episode_with_the_spreads_given(
         let mut read = |rate: [f64; 3]| -> [f64; 3] {
             sensor.reset(1, 0, episode);
             let moving = frame([0.0; 3], [0.0; 3], UPRIGHT, rate);
-            sensor.read(&Truth::at(&moving, [0.0; 3], [0.0; 3], G))[3..].try_into().unwrap()
+            sensor.read(&GroundTruth::at(&moving, [0.0; 3], [0.0; 3], G))[3..].try_into().unwrap()
         };
         let (still, turning) = (read([0.0; 3]), read([1.0, 0.0, 0.0]));
         for k in 0..3 {
@@ -197,7 +197,7 @@ fn an_imu_at_rest_reads_gravity_upwards_and_no_rate() {
 fn falling_freely_an_accelerometer_reads_nothing() {
     let mut sensor = made(&SensorConfig { position: [0.1, 0.2, 0.3], ..ideal("imu") }, 0.01);
     let at = |v: f64| frame([0.0; 3], [1.0, 0.0, v], from_euler(0.4, 0.2, 1.0), [0.0; 3]);
-    let reading = sensor.read(&Truth::between(&at(0.0), &at(-G * 0.01), 0.01, G)).to_vec();
+    let reading = sensor.read(&GroundTruth::between(&at(0.0), &at(-G * 0.01), 0.01, G)).to_vec();
     assert!(reading.iter().all(|x| x.abs() < 1e-12), "{reading:?}");
 }
 
@@ -219,7 +219,7 @@ fn on_a_spinning_arm_an_accelerometer_reads_the_closed_form() {
         for k in 1..500 {
             let t = k as f64 * dt;
             let [before, after] = [t - dt, t].map(|t| spinning(axis, centre, rate, gain, t));
-            let read = sensor.read(&Truth::between(&before, &after, dt, G)).to_vec();
+            let read = sensor.read(&GroundTruth::between(&before, &after, dt, G)).to_vec();
             // all in body axes, where the place is constant; of the middle of the step
             let (place, w) = (add(centre, r), rate + gain * (t - 0.5 * dt));
             let want = [-w * w * place[0] - gain * place[1], -w * w * place[1] + gain * place[0], G];
@@ -250,10 +250,10 @@ fn a_first_reading_is_that_of_the_dynamics_and_a_mean_one_turns_with_the_body() 
         v = add(v, impulse);
         let after = frame_at(v, t + dt);
         if k == 0 {
-            let read = sensor.read(&Truth::ahead(&before, &after, dt, G)).to_vec();
+            let read = sensor.read(&GroundTruth::ahead(&before, &after, dt, G)).to_vec();
             assert!((read[2] - thrust).abs() < 0.1 && read[0].abs() < 0.1, "{read:?}");
         }
-        let read = sensor.read(&Truth::between(&before, &after, dt, G)).to_vec();
+        let read = sensor.read(&GroundTruth::between(&before, &after, dt, G)).to_vec();
         for (got, want) in read.iter().zip([0.0, 0.0, thrust]) {
             worst = worst.max((got - want).abs());
         }
@@ -308,7 +308,7 @@ fn readings_are_clipped_and_are_multiples_of_the_least_significant_bit() {
     for k in 0..2000 {
         let rate = 4.0 * (0.01 * f64::from(k)).sin();
         let moving = frame([0.0; 3], [0.0; 3], UPRIGHT, [rate, 0.1, 0.0]);
-        let reading = sensor.read(&Truth::at(&moving, [0.0; 3], [0.0; 3], G));
+        let reading = sensor.read(&GroundTruth::at(&moving, [0.0; 3], [0.0; 3], G));
         let x = reading[3];
         assert!((-1.0..=2.0).contains(&x) && (x / 0.125).fract() == 0.0, "{x}");
         assert!((-1.0..=2.0).contains(&rate) || x == rate.clamp(-1.0, 2.0) || (rate - x).abs() < 1.5, "{rate}: {x}");
@@ -318,7 +318,7 @@ fn readings_are_clipped_and_are_multiples_of_the_least_significant_bit() {
     // without noise, the nearest multiple
     let mut sensor = made(&gyroscope(ErrorModel { density: PerAxis::Same(0.0), ..error }), 0.01);
     let moving = frame([0.0; 3], [0.0; 3], UPRIGHT, [0.19, -0.07, 9.0]);
-    assert_eq!(sensor.read(&Truth::at(&moving, [0.0; 3], [0.0; 3], G))[3..], [0.25, -0.125, 2.0]);
+    assert_eq!(sensor.read(&GroundTruth::at(&moving, [0.0; 3], [0.0; 3], G))[3..], [0.25, -0.125, 2.0]);
 }
 
 #[test]
@@ -391,7 +391,7 @@ fn readings_depend_on_seed_environment_episode_and_name_and_on_nothing_else() {
     for other in [[2, 2, 3], [1, 3, 3], [1, 2, 4]] {
         let own = run(&configs, other);
         // in an empty world what looks sees nothing, with any noise
-        let looks = |config: &SensorConfig| matches!(config.model, Model::Lidar(_) | Model::Camera(_));
+        let looks = |config: &SensorConfig| matches!(config.model, SensorModel::Lidar(_) | SensorModel::Camera(_));
         let mut pairs = configs.iter().zip(own.iter().zip(&base));
         assert!(pairs.all(|(config, (a, b))| looks(config) || a != b), "{other:?}");
     }
@@ -402,7 +402,8 @@ fn readings_depend_on_seed_environment_episode_and_name_and_on_nothing_else() {
 
 #[test]
 fn motion_capture_loses_the_share_given_in_runs_of_the_length_given_and_holds_the_last_pose() {
-    let model = Model::MotionCapture(MotionCapture { dropout: 0.1, dropout_time: 0.05, ..MotionCapture::default() });
+    let model =
+        SensorModel::MotionCapture(MotionCapture { dropout: 0.1, dropout_time: 0.05, ..MotionCapture::default() });
     let mut sensor = made(&SensorConfig::new("room", model), 0.01);
     let n = 200_000;
     let (mut lost, mut runs, mut held) = (0.0, 0.0, [0.0; 8]);
@@ -425,7 +426,7 @@ fn motion_capture_loses_the_share_given_in_runs_of_the_length_given_and_holds_th
 #[test]
 fn motion_capture_turns_by_its_error_about_mount_axes() {
     let error = ErrorModel { deviation: PerAxis::Each([0.01, 0.02, 0.03]), ..ErrorModel::default() };
-    let model = Model::MotionCapture(MotionCapture { attitude_error: error, ..MotionCapture::default() });
+    let model = SensorModel::MotionCapture(MotionCapture { attitude_error: error, ..MotionCapture::default() });
     let mut sensor = made(&SensorConfig::new("room", model), 0.01);
     let q = from_euler(0.3, -0.4, 2.9);
     let mut square = [0.0; 3];
@@ -445,7 +446,7 @@ fn motion_capture_turns_by_its_error_about_mount_axes() {
 
 #[test]
 fn a_barometer_reads_the_standard_atmosphere_and_drifts() {
-    let model = Model::Barometer(Barometer { altitude: 488.0, drift: 2.0, ..Barometer::default() });
+    let model = SensorModel::Barometer(Barometer { altitude: 488.0, drift: 2.0, ..Barometer::default() });
     let mut sensor = made(&SensorConfig { every: Some(2), ..SensorConfig::new("baro", model) }, 0.5);
     for k in 0..5_i32 {
         let read = sensor.read(&resting([0.0, 0.0, 12.0], UPRIGHT))[0];
@@ -453,9 +454,11 @@ fn a_barometer_reads_the_standard_atmosphere_and_drifts() {
         assert!((read - want).abs() < 1e-9, "{read} {want}");
     }
     // ISA tables: 95 461 Pa at 500 m, with 288.15 K
-    let read =
-        made(&SensorConfig::new("b", Model::Barometer(Barometer { altitude: 500.0, ..Barometer::default() })), 1.0)
-            .read(&resting([0.0; 3], UPRIGHT))[0];
+    let read = made(
+        &SensorConfig::new("b", SensorModel::Barometer(Barometer { altitude: 500.0, ..Barometer::default() })),
+        1.0,
+    )
+    .read(&resting([0.0; 3], UPRIGHT))[0];
     println!("pressure at 500 m {read:.1} Pa");
     assert!((read - 95_461.0).abs() < 5.0, "{read}"); // 95 457.7
     // above the air and far below the sea nothing breaks
@@ -472,7 +475,7 @@ fn a_magnetometer_reads_the_field_along_its_axes_plus_hard_iron() {
     let q = from_euler(0.3, -0.2, 1.1);
     let rotation = from_euler(0.0, 0.0, 0.5);
     let config =
-        SensorConfig { rotation, ..SensorConfig::new("mag", Model::Magnetometer(Magnetometer { field, error })) };
+        SensorConfig { rotation, ..SensorConfig::new("mag", SensorModel::Magnetometer(Magnetometer { field, error })) };
     let read = made(&config, 0.01).read(&resting([0.0; 3], q)).to_vec();
     let want = add(rotate_back(rotation, rotate_back(q, field)), [1e-6, 2e-6, 3e-6]);
     for (got, want) in read.iter().zip(want) {
@@ -485,7 +488,7 @@ fn an_antenna_on_a_mast_moves_with_its_lever() {
     let q = from_euler(0.1, 0.2, 0.3);
     let spin = [0.4, -0.5, 2.0];
     let mut sensor = made(&SensorConfig { position: [0.1, 0.0, 0.4], ..ideal("gnss") }, 0.01);
-    let truth = Truth::at(&frame([1.0, 2.0, 3.0], [0.5, 0.0, -0.1], q, spin), [0.0; 3], [0.0; 3], G);
+    let truth = GroundTruth::at(&frame([1.0, 2.0, 3.0], [0.5, 0.0, -0.1], q, spin), [0.0; 3], [0.0; 3], G);
     let read = sensor.read(&truth).to_vec();
     let lever = rotate(q, [0.1, 0.0, 0.4]);
     let want = [add([1.0, 2.0, 3.0], lever), add([0.5, 0.0, -0.1], cross(spin, lever))].concat();
@@ -518,7 +521,8 @@ fn position_errors_of_a_receiver_keep_their_spread_from_the_start_on() {
 
 #[test]
 fn a_range_finder_reads_the_closed_form_over_level_ground() {
-    let model = |cone: f64| Model::Range(Range { ground: 0.5, cone, nearest: 0.1, farthest: 4.0, ..Range::default() });
+    let model =
+        |cone: f64| SensorModel::Range(Range { ground: 0.5, cone, nearest: 0.1, farthest: 4.0, ..Range::default() });
     let read = |cone: f64, z: f64, tilt: f64| -> [f64; 2] {
         made(&SensorConfig::new("down", model(cone)), 0.01)
             .read(&resting([0.0, 0.0, z], from_euler(0.0, tilt, 0.7)))
@@ -555,7 +559,7 @@ fn optical_flow_is_how_the_point_below_moves_through_the_picture() {
     let (dt, p, v, q) = (1e-6, [0.3, -0.2, 1.7], [0.8, -0.5, 0.3], from_euler(0.3, -0.2, 0.9));
     let spin = [0.4, 0.7, -1.1];
     let mut sensor = made(&ideal("flow"), dt);
-    let truth = Truth::at(&frame(p, v, q, rotate(q, spin)), [0.0; 3], [0.0; 3], G);
+    let truth = GroundTruth::at(&frame(p, v, q, rotate(q, spin)), [0.0; 3], [0.0; 3], G);
     let read = sensor.read(&truth).to_vec();
     // the point of the ground on the axis, and where it is seen a moment later: its slope x/d, y/d
     let axis = rotate(q, [0.0, 0.0, -1.0]);
@@ -603,7 +607,7 @@ fn a_table_goes_over_its_preset_key_by_key() {
     let text = "name = 'a'\nkind = 'imu'\npreset = 'bmi088'\non = 'drone'\nposition = [0.1, 0, 0]\nevery = 2\n\
                 [accelerometer]\ndensity = 5e-3\n[gyroscope]\nlimits = [-8.7, 8.7]\nbias_time = inf";
     let config = of_toml(text).unwrap();
-    let Model::Imu(imu) = &config.model else { panic!("{config:?}") };
+    let SensorModel::Imu(imu) = &config.model else { panic!("{config:?}") };
     assert_eq!(imu.accelerometer.density, PerAxis::Same(5e-3));
     assert_eq!(imu.accelerometer.bias_walk, PerAxis::Same(1.36e-3));
     assert_eq!((imu.gyroscope.limits, imu.gyroscope.density), (Some([-8.7, 8.7]), PerAxis::Same(2.44e-4)));

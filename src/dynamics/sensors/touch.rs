@@ -4,7 +4,7 @@ use super::chain::{ErrorModel, Errors};
 use super::device::{Device, KindSettings};
 use super::limits::within;
 use super::mount::Motion;
-use super::sight::Sight;
+use super::sight::SensorContext;
 use crate::plant::Plant;
 use base::defaults::with_defaults;
 use base::error::{Error, Result};
@@ -60,7 +60,7 @@ impl Device for ContactDevice {
         self.errors.draw(stream);
     }
 
-    fn sample(&mut self, at: &Motion, _: &mut Sight<'_>, stream: &mut Stream, out: &mut [f64]) {
+    fn sample(&mut self, at: &Motion, _: &mut SensorContext<'_>, stream: &mut Stream, out: &mut [f64]) {
         let force = at.contact_force;
         let size = force.iter().map(|f| f * f).sum::<f64>().sqrt();
         out[..3].copy_from_slice(&self.errors.apply(force, stream));

@@ -4,9 +4,9 @@ use super::aba::accelerate;
 use super::cable_loads;
 use super::contact_loads::{self, Friction};
 use super::jacobian::{mass_matrix_of, point_jacobian, poses_of};
-use super::kinematics::{Pose, forward, pose_of};
+use super::kinematics::{FrameKinematics, forward, pose_of};
 use super::loads;
-use super::model::{Frame, Model};
+use super::model::{Model, NamedFrame};
 use super::multibody::Multibody;
 use super::parameters::{ParameterView, Source, at, link_parameters};
 use super::scratch::{BodyScratch, Scratch, scratch_on_stack};
@@ -30,7 +30,7 @@ pub struct Momentum<S> {
 }
 
 /// Pose of every body, in the order of the model.
-pub fn body_poses<S: Scalar>(system: &Multibody, state: &[S]) -> Vec<Pose<S>> {
+pub fn body_poses<S: Scalar>(system: &Multibody, state: &[S]) -> Vec<FrameKinematics<S>> {
     let mut poses = Vec::new();
     body_poses_into(system, state, &mut poses);
     poses
@@ -38,7 +38,7 @@ pub fn body_poses<S: Scalar>(system: &Multibody, state: &[S]) -> Vec<Pose<S>> {
 
 /// As [`body_poses`], over what `poses` holds: allocates in its first call only.
 #[doc(hidden)]
-pub fn body_poses_into<S: Scalar>(system: &Multibody, state: &[S], poses: &mut Vec<Pose<S>>) {
+pub fn body_poses_into<S: Scalar>(system: &Multibody, state: &[S], poses: &mut Vec<FrameKinematics<S>>) {
     let t = system.topology();
     scratch_on_stack!(scratch, t, S);
     forward(t, Source::Constants(system.parameters()), state, scratch.bodies);
@@ -47,14 +47,14 @@ pub fn body_poses_into<S: Scalar>(system: &Multibody, state: &[S], poses: &mut V
 }
 
 /// Pose of a named frame (see [`Model::frame`]).
-pub fn frame_pose<S: Scalar>(system: &Multibody, state: &[S], frame: &Frame) -> Pose<S> {
+pub fn frame_pose<S: Scalar>(system: &Multibody, state: &[S], frame: &NamedFrame) -> FrameKinematics<S> {
     let t = system.topology();
     scratch_on_stack!(scratch, t, S);
     forward(t, Source::Constants(system.parameters()), state, scratch.bodies);
     let body = pose_of(&scratch.bodies[frame.body]);
     let lever = mat_vec(body.rotation, constants(frame.position));
     let own = [constants(frame.rotation[0]), constants(frame.rotation[1]), constants(frame.rotation[2])];
-    Pose {
+    FrameKinematics {
         position: add(body.position, lever),
         rotation: mat_mul(body.rotation, own),
         velocity: add(body.velocity, cross(body.angular_velocity, lever)),
@@ -294,7 +294,7 @@ pub fn mass_matrix(model: &Model, state: &[f64]) -> Result<DMatrix<f64>> {
 ///
 /// # Errors
 /// [`Error::Value`](base::error::Error::Value) if the state has another length than the layout says.
-pub fn frame_jacobian(model: &Model, state: &[f64], frame: &Frame) -> Result<DMatrix<f64>> {
+pub fn frame_jacobian(model: &Model, state: &[f64], frame: &NamedFrame) -> Result<DMatrix<f64>> {
     Multibody::check_length("state", state.len(), model.layout().n_state())?;
     Ok(point_jacobian(model, &poses_of(model, state), frame.body, frame.position))
 }

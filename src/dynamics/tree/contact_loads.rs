@@ -26,7 +26,7 @@ use super::scratch::{Articulated, BodyScratch};
 use super::topology::{Ball, Feature, Form, Pair, Topology};
 use crate::contact::material::Resolved;
 use crate::contact::pairs::{capsule_capsule, sphere_box, sphere_capsule, sphere_plane, sphere_relief, sphere_sphere};
-use crate::contact::{Contact, ContactMaterial, Material, force};
+use crate::contact::{ContactMaterial, ContactPoint, Material, force};
 use crate::rigid::symmetric;
 use crate::spatial::*;
 use autodiff::{Scalar, safe};
@@ -166,7 +166,7 @@ fn material_of<S: Scalar>(own: &Option<ContactMaterial>, usual: &Material<S>) ->
 fn touch<S: Scalar>(
     at: Visit<S>,
     material: &Material<S>,
-    contact: &Contact<S>,
+    contact: &ContactPoint<S>,
     (first, second): (Option<usize>, Option<usize>),
     bodies: &mut [BodyScratch<S>],
 ) {
@@ -215,20 +215,26 @@ fn touch<S: Scalar>(
 
 /// F_n, and the velocity that it goes with, of a body that something still pushes.
 #[inline]
-fn normal_of<S: Scalar>(material: &Material<S>, contact: &Contact<S>, body: &BodyScratch<S>) -> (S, Vec3<S>) {
+fn normal_of<S: Scalar>(material: &Material<S>, contact: &ContactPoint<S>, body: &BodyScratch<S>) -> (S, Vec3<S>) {
     let velocity = velocity_at(body, contact.point);
     (force::normal_force(material, contact.depth, -dot(contact.normal, velocity)), velocity)
 }
 
 /// The normal force alone: friction is held.
 #[inline]
-fn hold<S: Scalar>(material: &Material<S>, contact: &Contact<S>, body: &mut BodyScratch<S>) {
+fn hold<S: Scalar>(material: &Material<S>, contact: &ContactPoint<S>, body: &mut BodyScratch<S>) {
     let (normal, _) = normal_of(material, contact, body);
     push(body, contact.point, scale(normal, contact.normal));
 }
 
 /// Friction over a step: as inertia and force on the way to accelerations, as a force held once they are known.
-fn grip<S: Scalar>(at: Visit<S>, step: f64, material: &Material<S>, contact: &Contact<S>, body: &mut BodyScratch<S>) {
+fn grip<S: Scalar>(
+    at: Visit<S>,
+    step: f64,
+    material: &Material<S>,
+    contact: &ContactPoint<S>,
+    body: &mut BodyScratch<S>,
+) {
     let (n, h) = (contact.normal, S::constant(step));
     let (normal, velocity) = normal_of(material, contact, body);
     let lever = sub(contact.point, body.position);
@@ -288,7 +294,7 @@ fn push<S: Scalar>(body: &mut BodyScratch<S>, point: Vec3<S>, force: Vec3<S>) {
 
 /// A ball about `center` on the ground.
 #[inline]
-fn ground_contact<S: Scalar>(t: &Topology, center: Vec3<S>, radius: f64, ground: S) -> Contact<S> {
+fn ground_contact<S: Scalar>(t: &Topology, center: Vec3<S>, radius: f64, ground: S) -> ContactPoint<S> {
     match &t.relief {
         None => sphere_plane(center, S::constant(radius), ground),
         Some(relief) => sphere_relief(center, S::constant(radius), ground, relief),
@@ -316,7 +322,7 @@ fn ball_contact<S: Scalar, P: ParameterView<S>>(
     second: &Feature,
     numbers: P,
     bodies: &[BodyScratch<S>],
-) -> Contact<S> {
+) -> ContactPoint<S> {
     let (center, radius) = (place(t, first, ball.center, numbers, bodies), S::constant(ball.radius));
     let Form::Box(block) = &second.form else {
         let [a, b] = ends(t, second, numbers, bodies);
@@ -349,7 +355,7 @@ fn contact_of<S: Scalar, P: ParameterView<S>>(
     pair: Pair,
     numbers: P,
     bodies: &[BodyScratch<S>],
-) -> Contact<S> {
+) -> ContactPoint<S> {
     let (first, second) = (&t.features[pair.first], &t.features[pair.second]);
     let ([a1, b1], [a2, b2]) = (ends(t, first, numbers, bodies), ends(t, second, numbers, bodies));
     let (r1, r2) = (S::constant(first.radius), S::constant(second.radius));
@@ -363,8 +369,8 @@ fn contact_of<S: Scalar, P: ParameterView<S>>(
 
 /// The same contact seen from the other body.
 #[inline]
-fn opposite<S: Scalar>(contact: Contact<S>) -> Contact<S> {
-    Contact { normal: neg(contact.normal), ..contact }
+fn opposite<S: Scalar>(contact: ContactPoint<S>) -> ContactPoint<S> {
+    ContactPoint { normal: neg(contact.normal), ..contact }
 }
 
 /// Energy ⅖ k δ^{5/2} stored in all contacts, J. Needs kinematics.

@@ -1,6 +1,6 @@
 //! Mass matrix and Jacobians of a model alone, in `f64`.
 
-use super::kinematics::{Pose, forward, pose_of};
+use super::kinematics::{FrameKinematics, forward, pose_of};
 use super::model::{Model, Motion, rest_state};
 use super::parameters::{Source, model_parameters};
 use super::scratch::scratch_on_stack;
@@ -30,7 +30,7 @@ pub(super) fn mass_matrix_of(model: &Model, state: &[f64]) -> DMatrix<f64> {
 }
 
 /// Poses of all bodies of a model alone.
-pub(super) fn poses_of(model: &Model, state: &[f64]) -> Vec<Pose<f64>> {
+pub(super) fn poses_of(model: &Model, state: &[f64]) -> Vec<FrameKinematics<f64>> {
     let bare = Topology::bare(model);
     let numbers = model_parameters(model);
     scratch_on_stack!(scratch, &bare, f64);
@@ -44,12 +44,17 @@ pub(super) fn point_jacobian_at_rest(model: &Model, body: usize, point: [f64; 3]
 }
 
 /// Of a body, at [`rest_state`](super::rest_state).
-pub(super) fn pose_at_rest(model: &Model, body: usize) -> Pose<f64> {
+pub(super) fn pose_at_rest(model: &Model, body: usize) -> FrameKinematics<f64> {
     poses_of(model, &rest_state(model))[body]
 }
 
 /// Jacobian of a point of a body given in the body's frame.
-pub(super) fn point_jacobian(model: &Model, poses: &[Pose<f64>], body: usize, point: [f64; 3]) -> DMatrix<f64> {
+pub(super) fn point_jacobian(
+    model: &Model,
+    poses: &[FrameKinematics<f64>],
+    body: usize,
+    point: [f64; 3],
+) -> DMatrix<f64> {
     let mut j = DMatrix::zeros(6, model.layout().n_velocity());
     let at = add(poses[body].position, mat_vec(poses[body].rotation, point));
     let mut next = Some(body);

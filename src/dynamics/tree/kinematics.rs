@@ -18,7 +18,7 @@ use autodiff::Scalar;
 
 /// Where a frame is and how it moves, world axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Pose<S> {
+pub struct FrameKinematics<S> {
     /// Origin, m.
     pub position: Vec3<S>,
     /// Rotation matrix by rows, frame → world.
@@ -29,8 +29,8 @@ pub struct Pose<S> {
     pub angular_velocity: Vec3<S>,
 }
 
-pub(super) fn pose_of<S: Scalar>(body: &BodyScratch<S>) -> Pose<S> {
-    Pose {
+pub(super) fn pose_of<S: Scalar>(body: &BodyScratch<S>) -> FrameKinematics<S> {
+    FrameKinematics {
         position: body.position,
         rotation: body.rotation,
         velocity: body.velocity,

@@ -59,7 +59,7 @@ pub use analysis::{
 pub use analysis::{body_poses_into, contact_forces_with};
 pub use cable::{Cable, CableEnd, ROUND as CABLE_ROUND};
 pub use carrier::carrier;
-pub use kinematics::Pose;
+pub use kinematics::FrameKinematics;
 pub use layout::{BodyPlace, Layout, TreePlace};
 pub use model::*;
 pub use multibody::Multibody;

@@ -110,13 +110,13 @@ impl Model {
     ///
     /// # Errors
     /// [`Error::Unknown`] with the nearest name.
-    pub fn frame(&self, name: &str) -> Result<Frame> {
+    pub fn frame(&self, name: &str) -> Result<NamedFrame> {
         if let Some(frame) = self.parts.frames.iter().find(|f| f.name == name) {
             return Ok(frame.clone());
         }
         let names = self.parts.frames.iter().map(|f| &f.name).chain(self.parts.bodies.iter().map(|b| &b.name));
         let at = find("frame", name, names)? - self.parts.frames.len();
-        Ok(Frame { name: name.into(), body: at, position: [0.0; 3], rotation: IDENTITY })
+        Ok(NamedFrame { name: name.into(), body: at, position: [0.0; 3], rotation: IDENTITY })
     }
 }
 

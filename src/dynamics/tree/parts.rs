@@ -7,7 +7,7 @@
 use super::cable::Cable;
 use crate::contact::ContactMaterial;
 use crate::mesh::Mesh;
-use crate::relief::Relief;
+use crate::relief::UnevenGround;
 use crate::shape::Shape;
 use crate::vehicle::{Drag, Inertia, Rotor};
 use serde::{Deserialize, Serialize};
@@ -164,7 +164,7 @@ pub struct Drone {
 /// A named frame fixed to a moving body: every part that was merged into it keeps its name this way.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Frame {
+pub struct NamedFrame {
     /// Unique within the model.
     pub name: String,
     /// Number of the body.
@@ -204,7 +204,7 @@ pub struct ContactSettings {
     pub ground: Option<f64>,
     /// What rises over that height; `None` for level ground.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub relief: Option<Relief>,
+    pub relief: Option<UnevenGround>,
     /// Of the ground, where it is not that of the model.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ground_material: Option<ContactMaterial>,
@@ -241,7 +241,7 @@ pub struct ModelParts {
     /// Sources of wakes.
     pub drones: Vec<Drone>,
     /// Named points.
-    pub frames: Vec<Frame>,
+    pub frames: Vec<NamedFrame>,
     /// For contact and drawing.
     #[serde(default)]
     pub shapes: Vec<BodyShape>,

@@ -205,7 +205,7 @@ fn a_frames_jacobian_gives_its_velocity() {
         let x = random_state(&model, seed);
         let nu = nalgebra::DVector::from_vec(velocity_rates(&model, &x));
         for body in 0..model.bodies().len() {
-            let frame = Frame { name: "probe".into(), body, position: [0.1, -0.2, 0.3], rotation: IDENTITY };
+            let frame = NamedFrame { name: "probe".into(), body, position: [0.1, -0.2, 0.3], rotation: IDENTITY };
             let got = frame_jacobian(&model, &x, &frame).unwrap() * &nu;
             let pose = frame_pose(&system, &x, &frame);
             let wanted: Vec<f64> = pose.velocity.into_iter().chain(pose.angular_velocity).collect();

@@ -9,7 +9,7 @@ use super::model::{Body, BodyShape, Drive, IDENTITY, Model, Motion, root_of};
 use crate::contact::ContactMaterial;
 use crate::contact::material::Resolved;
 use crate::contact::pairs::{corners, segment};
-use crate::relief::Relief;
+use crate::relief::UnevenGround;
 use crate::rigid::Effects;
 use crate::shape::{Geometry, Pose};
 use crate::spatial::{matrix, transpose};
@@ -201,7 +201,7 @@ pub(crate) struct Topology {
     /// Shapes that stand still in the world.
     pub n_still: usize,
     /// What rises over the ground.
-    pub relief: Option<Relief>,
+    pub relief: Option<UnevenGround>,
     /// Friction is steeper than the stages of a step resolve: sampled implicitly at its start and held.
     pub sticks: bool,
     /// What a substep resolves.

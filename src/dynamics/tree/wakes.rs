@@ -126,7 +126,7 @@ mod tests {
     use crate::configurations::{SlungLoad, by_name};
     use crate::tree::{Model, Multibody};
     use crate::{Effects, Integrator, Physics};
-    use autodiff::certificate::Bounds;
+    use autodiff::certificate::CertificateBounds;
     use autodiff::{System, certify};
     use std::f64::consts::PI;
 
@@ -194,7 +194,7 @@ mod tests {
             let pushed = system.topology().loads.len();
             let certificate = certify(&system, &x, &input, &[]).unwrap();
             println!("{name}: {pushed} shapes in the wakes");
-            assert!(certificate.holds(Bounds::default()), "{name}: {certificate:?}");
+            assert!(certificate.holds(CertificateBounds::default()), "{name}: {certificate:?}");
             assert!(pushed > 0, "{name}");
         }
     }

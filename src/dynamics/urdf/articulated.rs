@@ -6,7 +6,7 @@ use super::import::{Read, check_part_names, read, read_files};
 use super::options::ImportOptions;
 use super::rotors::RotorFile;
 use super::{Warning, resolve};
-use crate::assembly::{Assembly, Join, Kind, Solid, WORLD};
+use crate::assembly::{Assembly, JointKind, JointSpec, Solid, WORLD};
 use crate::tree::Model;
 use crate::vehicle::{Inertia, Rotor};
 use base::error::Result;
@@ -184,15 +184,15 @@ fn joints(assembly: &mut Assembly, read: &Read, mounts: &[Mount]) -> Result<()> 
     for (i, body) in read.bodies.iter().enumerate() {
         let Some(joint) = &body.joint else { continue };
         let Some(parent) = read.bodies.get(joint.parent) else { continue };
-        let kind = if is_rotor(mounts, i) { Kind::Fixed } else { kind(joint, parent, &read.file)? };
+        let kind = if is_rotor(mounts, i) { JointKind::Fixed } else { kind(joint, parent, &read.file)? };
         let carrier = if parent.is_world() { WORLD } else { &parent.name };
-        let mut join = Join::new(&joint.name, kind, carrier, &body.name).at(joint.place);
-        if kind != Kind::Fixed {
+        let mut join = JointSpec::new(&joint.name, kind, carrier, &body.name).at(joint.place);
+        if kind != JointKind::Fixed {
             join = join.damping(joint.damping);
         }
         let [lower, upper] = joint.range;
         let bounded = lower != upper && lower.abs().min(upper.abs()) < NO_LIMIT;
-        if bounded && joint.kind != "continuous" && matches!(kind, Kind::Revolute(_) | Kind::Prismatic(_)) {
+        if bounded && joint.kind != "continuous" && matches!(kind, JointKind::Revolute(_) | JointKind::Prismatic(_)) {
             join = join.range(lower, upper);
         }
         assembly.join(join);
@@ -200,14 +200,14 @@ fn joints(assembly: &mut Assembly, read: &Read, mounts: &[Mount]) -> Result<()> 
     Ok(())
 }
 
-fn kind(joint: &Joint, parent: &Body, file: &str) -> Result<Kind> {
+fn kind(joint: &Joint, parent: &Body, file: &str) -> Result<JointKind> {
     let place = || format!("line {}, joint '{}'", joint.line, clean(&joint.name));
     match joint.kind.as_str() {
-        "fixed" => Ok(Kind::Fixed),
-        "revolute" | "continuous" => Ok(Kind::Revolute(joint.own_axis)),
-        "prismatic" => Ok(Kind::Prismatic(joint.own_axis)),
-        "spherical" => Ok(Kind::Ball),
-        "floating" if parent.is_world() => Ok(Kind::Floating),
+        "fixed" => Ok(JointKind::Fixed),
+        "revolute" | "continuous" => Ok(JointKind::Revolute(joint.own_axis)),
+        "prismatic" => Ok(JointKind::Prismatic(joint.own_axis)),
+        "spherical" => Ok(JointKind::Ball),
+        "floating" if parent.is_world() => Ok(JointKind::Floating),
         "floating" => {
             let rule = "a floating joint under a link that moves";
             Err(fault(file, place(), rule, "Only a root link called 'world' lets others float: use two files."))
@@ -224,6 +224,6 @@ fn extras(assembly: &mut Assembly, read: &Read, file: Option<&RotorFile>) {
     let Some(root) = root(&read.bodies) else { return };
     for part in file.iter().flat_map(|f| &f.parts) {
         assembly.part(&part.name, Solid::explicit(part.mass, part.position, part.inertia));
-        assembly.join(Join::new(format!("weld of {}", part.name), Kind::Fixed, &root.name, &part.name));
+        assembly.join(JointSpec::new(format!("weld of {}", part.name), JointKind::Fixed, &root.name, &part.name));
     }
 }

@@ -61,7 +61,7 @@ pub use input_limits::InputLimits;
 pub use options::ImportOptions;
 pub use rotors::{RotorEntry, RotorFile};
 
-use super::Oddity;
+use super::VehicleWarning;
 use super::vehicle::Vehicle;
 
 /// Something in the file that was understood, but is probably not what its author meant.
@@ -92,8 +92,8 @@ impl std::fmt::Display for Warning {
 
 impl Warning {
     /// What is odd about the vehicle as a whole.
-    fn of(odd: Oddity, file: &str) -> Self {
-        let Oddity { what, rule, remedy } = odd;
+    fn of(odd: VehicleWarning, file: &str) -> Self {
+        let VehicleWarning { what, rule, remedy } = odd;
         Self { file: file.to_string(), line: None, element: what, rule, remedy }
     }
 }

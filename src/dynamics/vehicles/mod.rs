@@ -25,7 +25,7 @@ use std::sync::LazyLock;
 
 /// One line of the registry.
 #[derive(Debug, Clone, Copy)]
-pub struct Entry {
+pub struct VehicleEntry {
     /// What users type.
     pub name: &'static str,
     /// One line for tables.
@@ -37,8 +37,8 @@ pub struct Entry {
 macro_rules! built_in {
     ($($name:ident: $description:literal,)*) => {
         /// Every built-in vehicle, lightest first.
-        pub static REGISTRY: &[Entry] =
-            &[$(Entry { name: stringify!($name), description: $description, build: $name }),*];
+        pub static REGISTRY: &[VehicleEntry] =
+            &[$(VehicleEntry { name: stringify!($name), description: $description, build: $name }),*];
 
         $(
             #[doc = concat!($description, ".")]

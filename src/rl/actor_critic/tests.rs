@@ -5,7 +5,7 @@ use crate::replay::ReplayConfig;
 use crate::sac::{Entropy, SacConfig};
 use crate::td3::{ActionNoise, Td3Config};
 use tasks::probe::Probe;
-use tasks::{Env, Stage};
+use tasks::{Env, ObservationTransform};
 
 fn small<E: Exploration>() -> ActorCriticConfig<E> {
     let layers = |own: Layers| Layers { hidden: vec![16, 16], ..own };
@@ -433,7 +433,7 @@ fn actions_of_whole_numbers_and_batches_beyond_memory_are_refused() {
     let replay = ReplayConfig { capacity: 1 << 27, ..ReplayConfig::default() };
     assert!(refused(little.clone(), SacConfig { replay, ..small() }).contains("replay.capacity"));
     assert!(refused(little, SacConfig { batch: 1 << 20, ..small() }).contains("batch"));
-    let stages = vec![Stage::Normalise { clip: 10.0 }, Stage::History { steps: 2 }];
+    let stages = vec![ObservationTransform::Normalise { clip: 10.0 }, ObservationTransform::History { steps: 2 }];
     assert!(refused(EnvConfig { observation: stages, ..EnvConfig::default() }, small()).contains("behind normalise"));
     let team = ReplayConfig { priority: 0.5, ..small::<Entropy>().replay };
     let central = SacConfig { central_critic: true, replay: team, ..small() };

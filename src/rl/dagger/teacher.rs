@@ -9,7 +9,7 @@ use base::error::{Error, Result};
 use base::parallel::Threads;
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
-use tasks::{Baseline, Buffers, Env, EnvConfig, Spec, Stage};
+use tasks::{Baseline, Buffers, Env, EnvConfig, ObservationTransform, Spec};
 
 /// A controller of the task, or a policy.
 pub(super) enum Teacher {
@@ -32,7 +32,7 @@ pub(super) struct Expert {
 
 impl Expert {
     /// In twins of a shard's environments with the observation of its training.
-    fn new(mut policy: Policy, observation: Vec<Stage>, shard: &Shard, make: &Make<'_>) -> Result<Self> {
+    fn new(mut policy: Policy, observation: Vec<ObservationTransform>, shard: &Shard, make: &Make<'_>) -> Result<Self> {
         let mut twin = make(&EnvConfig { observation, ..shard.env.spec().config.clone() })?;
         policy.fits(twin.spec())?;
         if let Some(known) = policy.statistics() {

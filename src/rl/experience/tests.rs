@@ -31,7 +31,7 @@ fn agents_of_an_environment_hold_numbers_of_their_own_in_every_step_of_an_update
 /// 160 steps of 12 environments, with actions drawn evenly; observations are normalised and cut at `clip`.
 fn flown(clip: Option<f64>) -> Experience {
     let mut env: EnvConfig = toml::from_str("n_env = 12\nstagger = true\ntask.horizon = 30").unwrap();
-    env.observation.extend(clip.map(|clip| Stage::Normalise { clip }));
+    env.observation.extend(clip.map(|clip| ObservationTransform::Normalise { clip }));
     let shards = shards(&|own| Env::make("Hover", own), &env, 5).unwrap();
     let spec = shards[0].env.spec().clone();
     let actor = Mlp::new(spec.n_observation, &Layers::default(), 4, Activation::Tanh).unwrap();

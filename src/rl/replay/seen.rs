@@ -6,7 +6,7 @@
 use base::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
-use tasks::{Field, Spec, Stage};
+use tasks::{Field, ObservationTransform, Spec};
 
 /// How images and the beams of lidars are kept.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -45,7 +45,7 @@ impl Code {
             return Ok(Self::plain(n));
         }
         let refuse = |limit: &str, remedy: &str| Err(Error::value("replay.images", "u8", limit, remedy));
-        if spec.config.observation.iter().any(|stage| matches!(stage, Stage::Normalise { .. })) {
+        if spec.config.observation.iter().any(|stage| matches!(stage, ObservationTransform::Normalise { .. })) {
             return refuse(
                 "f32 for normalised observations",
                 "Set normalise_observation = false in the table of the algorithm.",

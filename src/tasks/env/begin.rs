@@ -7,7 +7,7 @@ use super::plan::{Plan, Planner};
 use crate::declare::Goal;
 use crate::randomise::Randomiser;
 use crate::robot::Robot;
-use crate::start::{Begun, Drawn, Draws, EVERY_EPISODE, ONCE, Source, Start, Streams};
+use crate::start::{Draws, EVERY_EPISODE, ONCE, Source, Start, StartOutput, StartScalar, Streams};
 use crate::task::Task;
 use autodiff::trace::on_constants;
 use autodiff::{Mask, Scalar, Trace, TraceMask};
@@ -17,7 +17,7 @@ use std::cell::RefCell;
 
 /// One environment where an episode begins or a goal changes.
 #[derive(Debug, Clone)]
-pub(crate) struct Draft<S = f64> {
+pub(crate) struct EpisodeStart<S = f64> {
     pub state: Vec<S>,
     pub goal: Vec<S>,
     pub task_state: Vec<S>,
@@ -27,7 +27,7 @@ pub(crate) struct Draft<S = f64> {
     pub event_at: S,
 }
 
-impl<S: Drawn> Draft<S> {
+impl<S: StartScalar> EpisodeStart<S> {
     /// At rest, with nominal numbers and nothing else.
     pub(crate) fn new(robot: &Robot, goal: usize, task_state: usize) -> Self {
         let numbers = |x: &[f64]| x.iter().map(|x| S::from(*x)).collect();
@@ -50,7 +50,7 @@ impl<S: Drawn> Draft<S> {
         change: impl FnOnce(&mut Start<'_, S>),
     ) {
         let Self { state, goal, task_state, numbers, event_at, .. } = self;
-        let own = Begun { robot, state, goal: Goal::over(goal), task_state, numbers };
+        let own = StartOutput { robot, state, goal: Goal::over(goal), task_state, numbers };
         let mut start = Start::new(own, source, *event_at, difficulty);
         change(&mut start);
         *event_at = start.event_at;
@@ -78,11 +78,11 @@ impl<S: Drawn> Draft<S> {
     }
 }
 
-impl Draft {
+impl EpisodeStart {
     /// What a task calls ideal.
     pub(crate) fn ideal(task: &dyn Task, goal: usize, task_state: usize) -> Self {
         on_constants(|| {
-            let mut own = Draft::<Trace>::new(task.robot(), goal, task_state);
+            let mut own = EpisodeStart::<Trace>::new(task.robot(), goal, task_state);
             let source = Streams::of_start([0; 3]);
             own.with(task.robot(), &source, Trace::one(), |start| task.ideal(start));
             own.known()
@@ -90,12 +90,12 @@ impl Draft {
     }
 }
 
-impl Draft<Trace> {
+impl EpisodeStart<Trace> {
     /// Of constants.
-    pub(crate) fn known(&self) -> Draft {
+    pub(crate) fn known(&self) -> EpisodeStart {
         let known = |x: &Trace| x.known().unwrap_or(f64::NAN);
         let all = |x: &[Trace]| x.iter().map(known).collect();
-        Draft {
+        EpisodeStart {
             state: all(&self.state),
             goal: all(&self.goal),
             task_state: all(&self.task_state),
@@ -128,11 +128,11 @@ impl Plans {
     ) -> Result<Self> {
         let robot = task.robot();
         if task.start_on_host().is_some() {
-            let n_draw = Draft::<f64>::new(robot, goal, task_state).all(varied).count();
+            let n_draw = EpisodeStart::<f64>::new(robot, goal, task_state).all(varied).count();
             return Ok(Self { n_draw, ..Self::default() });
         }
         on_constants(|| {
-            let mut draft = Draft::new(robot, goal, task_state);
+            let mut draft = EpisodeStart::new(robot, goal, task_state);
             let source = RefCell::new(Planner::new(None));
             draft.begin((robot, randomiser), &source, Trace::one(), |start| task.start(start));
             let start = source.into_inner().plan.checked("start")?;
@@ -156,10 +156,10 @@ impl Step<'_> {
     /// What begins: recorded by `record`, or as the host wrote it; true where it is written.
     fn drafted(
         &mut self,
-        mut draft: Draft<Trace>,
+        mut draft: EpisodeStart<Trace>,
         (what, plan): (&str, &Plan),
-        record: impl FnOnce(&mut Draft<Trace>, &RefCell<dyn Source<Trace> + '_>),
-    ) -> (Draft<Trace>, TraceMask) {
+        record: impl FnOnce(&mut EpisodeStart<Trace>, &RefCell<dyn Source<Trace> + '_>),
+    ) -> (EpisodeStart<Trace>, TraceMask) {
         let core = self.core;
         let rows = self.work(|work| work.draws).to_vec();
         let which = self.beginning(beginning::WHERE);
@@ -186,7 +186,7 @@ impl Step<'_> {
     pub(crate) fn begin(&mut self) -> bool {
         let (core, sizes) = (self.core, &self.core.sizes);
         let (robot, difficulty) = (core.robot(), self.beginning(beginning::DIFFICULTY));
-        let blank = Draft::new(robot, sizes.goal, sizes.task_state);
+        let blank = EpisodeStart::new(robot, sizes.goal, sizes.task_state);
         let (draft, mask) = self.drafted(blank, ("start", &core.plans.start), |draft, source| {
             draft.begin((robot, &core.randomiser), source, difficulty, |start| core.task.start(start));
         });
@@ -217,7 +217,7 @@ impl Step<'_> {
     pub(crate) fn event(&mut self) {
         let core = self.core;
         let (difficulty, step) = (self.beginning(beginning::DIFFICULTY), self.episode(episode_state::STEP));
-        let mut now = Draft::new(core.robot(), 0, 0);
+        let mut now = EpisodeStart::new(core.robot(), 0, 0);
         now.state.copy_from_slice(&self.numbers.plant[..core.plant.n_state()]);
         now.goal = self.kept(|kept| kept.goal).to_vec();
         now.task_state = self.kept(|kept| kept.task_state).to_vec();
@@ -243,7 +243,7 @@ impl Step<'_> {
     }
 
     /// Keeps what starts and events change: the next event behind step `now`, goal, task state.
-    fn keep(&mut self, draft: &Draft<Trace>, now: Trace) {
+    fn keep(&mut self, draft: &EpisodeStart<Trace>, now: Trace) {
         let next = draft.event_at;
         let comes = next.lt(NEVER).and(now.lt(next));
         self.set_episode(episode_state::EVENT, Trace::select(comes, next, NEVER.into()));
@@ -267,7 +267,7 @@ impl Step<'_> {
 
 impl Core {
     /// Why a start or an event cannot be: a goal of another length, a number that does not vary.
-    fn refused(&self, what: &str, draft: &Draft<Trace>) -> Option<Error> {
+    fn refused(&self, what: &str, draft: &EpisodeStart<Trace>) -> Option<Error> {
         if draft.goal.len() != self.sizes.goal {
             let (own, limit) = (draft.goal.len(), format!("{}, as of the ideal", self.sizes.goal));
             let remedy = "Write as many always; events change goals by place.";

@@ -1,14 +1,14 @@
 //! Sixty-four environments: what they hold between steps, and the memory that a step works in.
 
-use super::begin::Draft;
+use super::begin::EpisodeStart;
 use super::draws::BlockDraws;
 use super::layout::Kept;
 use super::programs::Scratch;
-use super::residual::Lead;
-use super::sensing::{Senses, Sensors};
+use super::residual::BaseController;
+use super::sensing::{SensorScratch, Sensors};
 use crate::task::TaskReference;
 use autodiff::program::BLOCK;
-use dynamics::batch::{Block, Culprit};
+use dynamics::batch::{Block, RawBreach};
 
 pub(crate) use autodiff::columns::Columns;
 
@@ -117,7 +117,7 @@ pub(crate) struct EnvBlock {
     /// Lanes that something but a recorded step moved since the last one.
     pub moved: u64,
     /// What broke where a simulation last diverged.
-    pub broken: [Option<Culprit>; BLOCK],
+    pub broken: [Option<RawBreach>; BLOCK],
     /// Observations that a normaliser has seen, and their sums and sums of squares about its mean.
     pub count: f64,
     pub sums: Vec<[f64; 2]>,
@@ -160,12 +160,12 @@ pub(crate) struct Workspace {
     /// Where a step leads that a simulation does not survive.
     pub after: Columns,
     pub scratch: Scratch,
-    pub draft: Draft,
+    pub draft: EpisodeStart,
     pub drawn: BlockDraws,
     /// Controllers that actions change the commands of.
-    pub lead: Option<Lead>,
+    pub lead: Option<BaseController>,
     /// What sensors are read with.
-    pub senses: Option<Senses>,
+    pub senses: Option<SensorScratch>,
 }
 
 /// Rows of signals.

@@ -6,7 +6,7 @@ use autodiff::program::BLOCK;
 use autodiff::{Mask, Scalar, Trace, safe};
 use base::error::{Error, Result};
 use controllers::action::ActionScale;
-use controllers::cascade::{CascadeModel, Latched, Level};
+use controllers::cascade::{CascadeMemory, CascadeModel, Level};
 use controllers::kinematics::Kinematics;
 use dynamics::GRAVITY;
 use dynamics::frame::{FRAME, Frame};
@@ -208,11 +208,11 @@ impl Control {
             let frame = Frame::read(&frames[robot.drones()[agent].frame * FRAME..]);
             let held = &mut held[agent * LATCHED_PER_AGENT..][..LATCHED_PER_AGENT];
             Trace::function(held, |held| {
-                let before = Latched::read(held);
+                let before = CascadeMemory::read(held);
                 let command = [own[0], own[1], own[2], own[3]];
                 self.compute(&CascadeModel::constant(model), step, &frame, command, &before).write(held);
             });
-            let rotors = Latched::<Trace, MAX_ROTORS>::read(held).rotors;
+            let rotors = CascadeMemory::<Trace, MAX_ROTORS>::read(held).rotors;
             inputs.iter().zip(rotors).for_each(|(place, rotor)| input[*place] = rotor);
         }
     }
@@ -224,8 +224,8 @@ impl Control {
         step: usize,
         frame: &Frame<Trace>,
         command: [Trace; 4],
-        held: &Latched<Trace, MAX_ROTORS>,
-    ) -> Latched<Trace, MAX_ROTORS> {
+        held: &CascadeMemory<Trace, MAX_ROTORS>,
+    ) -> CascadeMemory<Trace, MAX_ROTORS> {
         let state = model.own(&kinematics(frame));
         let one = Trace::one();
         let first = if step == 0 { one } else { Trace::zero() };

@@ -1,14 +1,14 @@
 //! What all environments of a batch share and a step only reads.
 
-use super::begin::{Draft, Plans};
+use super::begin::{EpisodeStart, Plans};
 use super::block::{Columns, Sizes, Workspace};
 use super::control::Control;
 use super::draws::BlockDraws;
 use super::layout::EnvLayout;
 use super::programs::Programs;
 use super::residual::Residual;
-use super::sensing::Sensing;
-use super::told::Told;
+use super::sensing::SensorSetup;
+use super::told::InfoColumns;
 use super::transition::{StepLayout, transition};
 use crate::bounds::Bounds;
 use crate::config::Autoreset;
@@ -32,7 +32,7 @@ pub(crate) struct Core {
     pub control: Control,
     /// Controllers that actions change the commands of.
     pub residual: Option<Residual>,
-    pub sensing: Option<Sensing>,
+    pub sensing: Option<SensorSetup>,
     /// With which rotors hold the speeds of rest.
     pub hover_input: Vec<f64>,
     pub bounds: Bounds,
@@ -43,7 +43,7 @@ pub(crate) struct Core {
     pub sizes: Sizes,
     pub layout: EnvLayout,
     /// What is told of an episode.
-    pub told: Told,
+    pub told: InfoColumns,
     pub pipeline: Pipeline,
     pub randomiser: Randomiser,
     /// What the host draws.
@@ -131,7 +131,7 @@ impl Core {
             rows: Columns::zeros(self.layout.work.count),
             after: Columns::zeros(self.plant.n_row()),
             scratch: self.programs().scratch(),
-            draft: Draft::new(self.robot(), self.sizes.goal, self.sizes.task_state),
+            draft: EpisodeStart::new(self.robot(), self.sizes.goal, self.sizes.task_state),
             drawn: BlockDraws::new(),
             lead: self.residual.as_ref().map(|residual| residual.lead(self.robot())),
             senses: self.sensing.as_ref().map(|sensing| sensing.senses(self)),

@@ -23,7 +23,7 @@ use super::sensing::{POSE, SLOPE, Sloped};
 use super::transition::{self, StepLayout};
 use crate::config::{ActionSpace, Autoreset};
 use autodiff::lanes::{to_columns, to_rows};
-use autodiff::native::{Executable, Layout, Place, Rows, Work};
+use autodiff::native::{Executable, Place, RowLayout, Rows, Work};
 use autodiff::once::made_once;
 use autodiff::program::{BLOCK, BlockWorkspace};
 use autodiff::{Program, Recording};
@@ -37,7 +37,7 @@ use std::sync::{Arc, OnceLock};
 
 /// One block before one step, with what happened in it.
 #[derive(Debug, Clone)]
-pub(crate) struct Slot {
+pub(crate) struct TapeEntry {
     arguments: Columns,
     /// Of readings by poses, behind the step.
     slopes: Columns,
@@ -56,7 +56,7 @@ fn copy(to: &mut [[f32; BLOCK]], from: &[[f32; BLOCK]], n: usize) {
     to.iter_mut().zip(from).for_each(|(to, from)| to[..BLOCK / 2].copy_from_slice(&from[..BLOCK / 2]));
 }
 
-impl Slot {
+impl TapeEntry {
     fn new(layout: &StepLayout) -> Self {
         let (arguments, slopes) = (Columns::zeros(layout.n_kept()), Columns::zeros(layout.n_slope()));
         Self { arguments, slopes, running: 0, ended: 0, moved: 0 }
@@ -105,7 +105,7 @@ impl Slot {
 /// The slots of one block.
 #[derive(Debug, Clone)]
 pub(crate) struct BlockTape {
-    pub slots: Vec<Slot>,
+    pub slots: Vec<TapeEntry>,
 }
 
 /// What [`Env::step_recorded`] remembers of up to `horizon` steps.
@@ -148,7 +148,7 @@ impl Tape {
 
 /// What a tape takes: see [`Env::tape`].
 fn tape_bytes(layout: &StepLayout, n_block: usize, horizon: usize) -> u128 {
-    let slot = layout.n_taped() * size_of::<[f32; BLOCK]>() + size_of::<Slot>();
+    let slot = layout.n_taped() * size_of::<[f32; BLOCK]>() + size_of::<TapeEntry>();
     horizon as u128 * (n_block as u128 * slot as u128 + size_of::<Arc<[f64]>>() as u128)
 }
 
@@ -179,7 +179,7 @@ impl Shared {
             let argument = |row: usize| Place { array: u8::from(!is_taped(row)), row: row as u32 };
             let result = |row: usize| Place { array: 2, row: row as u32 };
             let arguments = (0..program.n_input()).map(argument).collect();
-            Layout::new(arguments, (0..program.n_output()).map(result).collect())
+            RowLayout::new(arguments, (0..program.n_output()).map(result).collect())
                 .and_then(|layout| Executable::new(program, layout))
                 .expect("every result has a row of its own")
         })
@@ -379,7 +379,7 @@ impl Env {
             less: "Sweep over shorter windows, step fewer environments at once",
         };
         request.check(|limit| (u128::from(limit) / tape_bytes(&layout, n_block, 1)).to_string())?;
-        let block = BlockTape { slots: vec![Slot::new(&layout); horizon] };
+        let block = BlockTape { slots: vec![TapeEntry::new(&layout); horizon] };
         let statistics = vec![self.core.frozen.clone(); horizon];
         Ok(Tape { blocks: vec![block; n_block], layout, statistics, n_env: self.spec.n_env, n_step: 0 })
     }
@@ -416,7 +416,7 @@ impl Env {
             return Err(Error::value("length of action", action.len(), wanted.to_string(), remedy));
         }
         let (block, lane) = (&self.blocks[environment / BLOCK], environment % BLOCK);
-        let mut slot = Slot::new(&layout);
+        let mut slot = TapeEntry::new(&layout);
         slot.open(&layout, &self.core, block, u64::MAX);
         let goal = self.core.layout.kept.goal.of(&block.kept);
         copy(&mut slot.arguments[layout.next_goal.clone()], goal, block.plant.occupied);
@@ -848,7 +848,7 @@ impl BlockSweep {
     fn pull(
         &mut self,
         a: &Shared,
-        slot: &Slot,
+        slot: &TapeEntry,
         statistics: &[f64],
         moved: u64,
         first: usize,
@@ -901,7 +901,7 @@ impl BlockSweep {
     }
 
     /// Cotangents of readings into those of the poses that they were read in.
-    fn pull_readings(&mut self, a: &Shared, slot: &Slot, n: usize) {
+    fn pull_readings(&mut self, a: &Shared, slot: &TapeEntry, n: usize) {
         let (Some(own), Some(workspace)) = (&a.readings, &mut self.reading_workspace) else { return };
         own.program.evaluate_lanes(n, workspace, &self.arguments, &mut self.readings);
         let p = &a.layout;

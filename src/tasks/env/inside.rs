@@ -11,9 +11,9 @@ use dynamics::frame::{FRAME, Frame};
 
 /// A step of one environment in `f64`, done phase by phase: [`Env::inside_step`].
 ///
-/// Phases are those that programs of environments and gradients are recorded of; [`PhaseByPhase::finish`] says in which order. Events,
+/// Phases are those that programs of environments and gradients are recorded of; [`StepPhases::finish`] says in which order. Events,
 /// sensors, noise and controllers that actions correct stand outside.
-pub struct PhaseByPhase<'a> {
+pub struct StepPhases<'a> {
     step: Step<'a>,
     env: &'a Env,
     actions: Vec<Trace>,
@@ -44,7 +44,7 @@ impl Env {
         &self,
         environment: usize,
         action: &[f64],
-        look: impl FnOnce(&mut PhaseByPhase<'_>) -> R,
+        look: impl FnOnce(&mut StepPhases<'_>) -> R,
     ) -> Result<R> {
         self.check_environment(environment)?;
         self.check_started()?;
@@ -56,7 +56,7 @@ impl Env {
         Ok(on_constants(|| {
             let actions = action.iter().map(|x| Trace::constant(*x)).collect();
             let step = Step::new(&self.core, self.constants(environment));
-            look(&mut PhaseByPhase { step, env: self, actions })
+            look(&mut StepPhases { step, env: self, actions })
         }))
     }
 
@@ -84,7 +84,7 @@ fn known(numbers: &[Trace]) -> Vec<f64> {
     numbers.iter().map(|x| x.known().unwrap_or(f64::NAN)).collect()
 }
 
-impl PhaseByPhase<'_> {
+impl StepPhases<'_> {
     /// Actions to commands: clipped and delayed.
     pub fn act(&mut self) {
         self.step.clip(&self.actions);
@@ -214,7 +214,7 @@ impl PhaseByPhase<'_> {
     }
 }
 
-impl std::fmt::Debug for PhaseByPhase<'_> {
+impl std::fmt::Debug for StepPhases<'_> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "PhaseByPhase({})", self.env.spec.task)
     }

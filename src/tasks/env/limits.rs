@@ -3,7 +3,7 @@
 use super::block::Sizes;
 use base::error::Result;
 use base::memory::{Request, none_asked};
-use dynamics::batch::{Culprit, Plant};
+use dynamics::batch::{Plant, RawBreach};
 
 /// Bytes of what a controller tracks, about: the pieces of a path.
 const REFERENCE: usize = 2048;
@@ -13,7 +13,7 @@ pub(crate) fn bytes_per_env(plant: &Plant, s: &Sizes) -> usize {
     let numbers = if s.theta > 0 { plant.n_number() } else { 0 };
     let rows = plant.n_row() + numbers + s.episode_state() + s.goal + s.task_state + s.theta + s.air;
     let reference = if s.beginning > 0 { REFERENCE } else { 0 };
-    let fixed = 2 * size_of::<u64>() + size_of::<Option<Culprit>>();
+    let fixed = 2 * size_of::<u64>() + size_of::<Option<RawBreach>>();
     (rows + s.delay * s.command + s.history + s.agent * s.reading + s.beginning) * size_of::<f32>() + fixed + reference
 }
 

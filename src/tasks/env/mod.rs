@@ -63,8 +63,8 @@ pub(crate) mod transition;
 
 pub use buffers::{Buffers, StepOut};
 pub use gradient::{Adjoint, Cotangents, Jacobian, Seeds, Sweep, SweepOptions, Tape};
-pub use inside::PhaseByPhase;
-pub use normaliser::Pending;
+pub use inside::StepPhases;
+pub use normaliser::PendingStatistics;
 #[doc(hidden)]
 pub use normaliser::VARIANCE_FLOOR;
 pub use spec::{AgentWidths, Column, Info, Space, Spec};
@@ -80,10 +80,10 @@ use self::layout::EnvLayout;
 use self::limits::{bytes_per_env, check_memory, out_bytes};
 use self::programs::Programs;
 use self::residual::{Residual, check_reference};
-use self::sensing::Sensing;
+use self::sensing::SensorSetup;
 use self::spec::spec_of;
 use self::stepper::Stepper;
-use self::told::Told;
+use self::told::InfoColumns;
 use self::transition::{config_hash, exposed, ideal_terms, reference};
 use crate::any_task::declare;
 use crate::config::{EnvConfig, check_difficulty};
@@ -158,7 +158,7 @@ impl Env {
         let drones = task.robot().drones();
         let n_rotor: usize = drones.iter().map(|drone| drone.rotors.len()).sum();
         own.take_off_throttle_change(config.throttle_change, n_rotor as f64 / drones.len() as f64);
-        let told = Told::of(config.info.as_deref(), &own)?;
+        let told = InfoColumns::of(config.info.as_deref(), &own)?;
         // all by name are all
         let config = &EnvConfig { info: config.info.clone().filter(|_| !told.is_all()), ..config.clone() };
         let robot = task.robot();
@@ -169,7 +169,7 @@ impl Env {
         let nominal = robot.parameters();
         let (names, domains) = (robot.parameter_names(), robot.parameter_domains());
         let theta: Vec<_> = varied.iter().map(|k| (names[*k].clone(), nominal[*k], domains[*k])).collect();
-        let sensing = Sensing::of(config, &*task)?;
+        let sensing = SensorSetup::of(config, &*task)?;
         let (mut shown, reading) = (own.observation.clone(), sensing.as_ref().map_or(0, |sensing| sensing.n));
         shown.extend(sensing.iter().flat_map(|sensing| sensing.fields.iter().cloned()));
         let extent = Extent::of(&config.observation, total(&shown), theta.len())?;
@@ -211,7 +211,7 @@ impl Env {
             dynamics::Plant::Tree(m) => Plant::tree(m.model(), *m.physics(), !varied.is_empty())?.0,
         };
         let n_env = config.n_env;
-        let bytes = bytes_per_env(&plant, &sizes) + sensing.as_ref().map_or(0, Sensing::bytes);
+        let bytes = bytes_per_env(&plant, &sizes) + sensing.as_ref().map_or(0, SensorSetup::bytes);
         check_memory(n_env, bytes + out_bytes(&sizes), config.memory_limit)?;
         let speeds = robot.drones().iter().flat_map(|d| d.rotors.iter().map(|r| r.speed)).collect();
         let privileged = theta.into_iter().map(|(name, value, _)| (name, value)).collect();

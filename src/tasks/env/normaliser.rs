@@ -1,7 +1,7 @@
 //! Statistics of observations: collected while stepping, frozen in between.
 //!
 //! One batch: step, [`Env::update_normaliser`], [`Env::observe`]. Several shards of a batch: [`Env::take_pending`] of each,
-//! [`Pending::add`] in a fixed order, [`Statistics::merge`], then [`Env::set_statistics`] and `set_collecting(true)` in all of
+//! [`PendingStatistics::add`] in a fixed order, [`Statistics::merge`], then [`Env::set_statistics`] and `set_collecting(true)` in all of
 //! them. Evaluation: `set_statistics` alone.
 
 use super::Env;
@@ -11,7 +11,7 @@ use base::error::{Error, Result, finite};
 
 /// What a normaliser saw since its statistics were frozen: sums about their mean, for [`Statistics::merge`].
 #[derive(Debug, Clone, PartialEq)]
-pub struct Pending {
+pub struct PendingStatistics {
     /// Observations, of all agents.
     pub count: f64,
     /// Σ(x − mean) per number.
@@ -20,7 +20,7 @@ pub struct Pending {
     pub squares: Vec<f64>,
 }
 
-impl Pending {
+impl PendingStatistics {
     /// With what another shard saw since the same statistics were frozen.
     ///
     /// # Errors
@@ -50,9 +50,9 @@ impl Env {
     }
 
     /// Takes out what was collected since the statistics were frozen.
-    pub fn take_pending(&mut self) -> Pending {
+    pub fn take_pending(&mut self) -> PendingStatistics {
         let n = self.core.sizes.normalised;
-        let mut pending = Pending { count: 0.0, sums: vec![0.0; n], squares: vec![0.0; n] };
+        let mut pending = PendingStatistics { count: 0.0, sums: vec![0.0; n], squares: vec![0.0; n] };
         for block in &mut self.blocks {
             pending.count += std::mem::take(&mut block.count);
             for (k, own) in block.sums.iter_mut().enumerate() {

@@ -5,7 +5,7 @@ use super::core::Core;
 use super::layout::{EnvLayout, Part};
 use super::phases::{Numbers, Step};
 use crate::observation::AgentArrays;
-use autodiff::native::{Executable, Layout, PerProcess, Place, Rows, Work};
+use autodiff::native::{Executable, PerProcess, Place, RowLayout, Rows, Work};
 use autodiff::program::BLOCK;
 use autodiff::{Program, Recording, Trace};
 use base::error::Result;
@@ -45,7 +45,7 @@ pub(crate) struct RowProgram {
 /// What was recorded, and what was made of it.
 struct Made {
     recording: Recording,
-    layout: Layout,
+    layout: RowLayout,
     executable: Executable<[f32; BLOCK]>,
 }
 
@@ -60,7 +60,7 @@ fn known() -> MutexGuard<'static, Known> {
 
 impl Made {
     /// Of what somebody has already, or made now.
-    fn of(recording: Recording, layout: Layout) -> Result<Arc<Self>> {
+    fn of(recording: Recording, layout: RowLayout) -> Result<Arc<Self>> {
         let mut hasher = DefaultHasher::new();
         (&recording, &layout).hash(&mut hasher);
         let hash = hasher.finish();
@@ -215,7 +215,7 @@ impl RowProgram {
         let (recording, used) = recording.of_used_inputs();
         let arguments: Vec<Place> = used.iter().map(|k| places[*k]).collect();
         let reads = arguments.iter().filter(|place| place.array == WORK).map(|place| place.row as usize).collect();
-        Ok(Self { made: Made::of(recording, Layout::new(arguments, results)?)?, reads })
+        Ok(Self { made: Made::of(recording, RowLayout::new(arguments, results)?)?, reads })
     }
 
     #[cfg(test)]
@@ -281,7 +281,7 @@ impl StageProgram {
         });
         let (recording, used) = recording.of_used_inputs();
         let arguments = used.iter().map(|k| places[*k]).collect();
-        Ok(Self(Made::of(recording, Layout::new(arguments, results)?)?))
+        Ok(Self(Made::of(recording, RowLayout::new(arguments, results)?)?))
     }
 
     /// Runs for all agents and the first `n` environments of a block.

@@ -1,7 +1,7 @@
 //! Actions as changes of what a controller commands: u = u_c + share · a, clipped (Johannink et al. 2019, "Residual
 //! Reinforcement Learning for Robot Control").
 //!
-//! The controller is the task's own ([`Crew`]), as it is in [`Baseline`](crate::Baseline) but for one thing: it knows
+//! The controller is the task's own ([`BaselineControllers`]), as it is in [`Baseline`](crate::Baseline) but for one thing: it knows
 //! the nominal numbers, not those of the episode. What differs is there to be learnt.
 
 use super::block::take;
@@ -11,7 +11,7 @@ use super::layout::Kept;
 use super::mask::lanes_of;
 use super::transition;
 use crate::config::EnvConfig;
-use crate::crew::Crew;
+use crate::crew::BaselineControllers;
 use crate::robot::{DronePlace, Robot};
 use crate::task::TaskReference;
 use autodiff::program::BLOCK;
@@ -55,26 +55,26 @@ impl Residual {
         Ok(Some(own))
     }
 
-    fn crew(&self, robot: &Robot) -> Result<Crew> {
-        Crew::of(robot, &robot.parameters(), self.dt)
+    fn crew(&self, robot: &Robot) -> Result<BaselineControllers> {
+        BaselineControllers::of(robot, &robot.parameters(), self.dt)
     }
 
     /// What one worker needs.
-    pub(crate) fn lead(&self, robot: &Robot) -> Lead {
+    pub(crate) fn lead(&self, robot: &Robot) -> BaseController {
         // it could be made when the environment was, of the same numbers
-        let crew = self.crew(robot).unwrap_or(Crew::Nobody);
-        Lead { crew, state: vec![0.0; robot.n_state()], input: robot.hover_input() }
+        let crew = self.crew(robot).unwrap_or(BaselineControllers::Nobody);
+        BaseController { crew, state: vec![0.0; robot.n_state()], input: robot.hover_input() }
     }
 }
 
 /// The controllers of every environment, one after the other, for they remember nothing.
-pub(crate) struct Lead {
-    crew: Crew,
+pub(crate) struct BaseController {
+    crew: BaselineControllers,
     state: Vec<f64>,
     input: Vec<f64>,
 }
 
-impl Lead {
+impl BaseController {
     /// Adds what the controllers command to the commands of these lanes.
     pub(crate) fn add_to(&mut self, command: &mut [[f32; BLOCK]], core: &Core, block: &mut EnvBlock, lanes: u64) {
         let Some(own) = &core.residual else { return };

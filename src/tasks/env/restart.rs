@@ -1,7 +1,7 @@
 //! What happens to single environments of a block: episodes begin, goals change. What is recorded runs as a program over the draws of
 //! the host; what no recording can hold is done in `f64`, one environment after the other.
 
-use super::begin::Draft;
+use super::begin::EpisodeStart;
 use super::block::{beginning, episode_state, take};
 use super::core::Core;
 use super::mask::lanes_of;
@@ -168,7 +168,7 @@ impl Stepper<'_> {
     }
 }
 
-impl Draft {
+impl EpisodeStart {
     fn clear(&mut self, core: &Core) {
         self.state.copy_from_slice(core.robot().rest());
         self.goal.fill(0.0);

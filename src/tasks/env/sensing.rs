@@ -12,15 +12,15 @@ use super::mask::lanes_of;
 use super::stepper::Stepper;
 use crate::config::EnvConfig;
 use crate::task::Task;
-use crate::task_spec::{Field, Layout, Smoothness};
+use crate::task_spec::{Field, FieldLayout, Smoothness};
 use autodiff::System;
 use autodiff::program::BLOCK;
 use base::error::{Error, Result};
 use dynamics::frame::{FRAME, Frame};
-use dynamics::sensors::cast::World;
+use dynamics::sensors::cast::RayScene;
 use dynamics::sensors::solids::{Solids, Surroundings};
 use dynamics::sensors::touch::check_contact;
-use dynamics::sensors::{self, Eyes, SensorConfig, SensorSet, Sight, Truth};
+use dynamics::sensors::{self, GroundTruth, RayScratch, SensorConfig, SensorContext, SensorSet};
 use dynamics::tree::contact_forces_with;
 
 /// Most numbers that one agent's sensors read.
@@ -31,12 +31,12 @@ const MAX_READINGS: usize = 4096;
 pub(crate) struct Sensors {
     /// One set per agent.
     pub sets: Vec<SensorSet>,
-    world: World,
+    world: RayScene,
 }
 
 /// What all environments share of their sensors.
 #[derive(Debug)]
-pub(crate) struct Sensing {
+pub(crate) struct SensorSetup {
     template: Sensors,
     around: Surroundings,
     solids: Solids,
@@ -61,7 +61,7 @@ pub(crate) struct Sensing {
 pub(crate) struct Sloped {
     /// Its place among the readings of all agents.
     pub reading: usize,
-    /// The body, as a place in [`Sensing::posed`].
+    /// The body, as a place in [`SensorSetup::posed`].
     pub body: usize,
 }
 
@@ -74,12 +74,12 @@ const ATTITUDE: usize = 6;
 
 /// What a worker needs to read sensors.
 #[derive(Debug, Default)]
-pub(crate) struct Senses {
+pub(crate) struct SensorScratch {
     /// Frames before the step.
     pub before: Columns,
     solids: Solids,
-    eyes: Eyes,
-    truths: Vec<Truth>,
+    eyes: RayScratch,
+    truths: Vec<GroundTruth>,
     state: Vec<f64>,
     next: Vec<f64>,
     frames: Vec<f64>,
@@ -88,11 +88,11 @@ pub(crate) struct Senses {
     placement: Vec<f64>,
     /// Whether the step is recorded, and slopes are kept.
     pub records: bool,
-    /// Of the [`Sensing::sloped`] readings, then the attitudes of the [`Sensing::posed`] frames, behind the step.
+    /// Of the [`SensorSetup::sloped`] readings, then the attitudes of the [`SensorSetup::posed`] frames, behind the step.
     pub slopes: Columns,
 }
 
-impl Sensing {
+impl SensorSetup {
     /// The sensors of a configuration; `None` without any.
     ///
     /// # Errors
@@ -120,12 +120,12 @@ impl Sensing {
             return Err(Error::limit("sensor: numbers that one agent reads", n, MAX_READINGS, remedy));
         }
         let around = Surroundings::of(&task.scene(), robot.plant());
-        let mut world = World::default();
+        let mut world = RayScene::default();
         world.fill(&around.scene, &around.scene.nominal_placement())?;
         let mut carriers: Vec<usize> = sets.iter().flat_map(|set| set.sensors().iter().map(|s| s.body())).collect();
         carriers.sort_unstable();
         carriers.dedup();
-        let mut touching = configs.iter().filter(|config| matches!(config.model, sensors::Model::Contact(_)));
+        let mut touching = configs.iter().filter(|config| matches!(config.model, sensors::SensorModel::Contact(_)));
         touching.clone().try_for_each(|config| check_contact(&config.place(), robot.plant()))?;
         let feels = touching.next().is_some();
         let fields = configs.iter().flat_map(fields).collect();
@@ -154,12 +154,12 @@ impl Sensing {
     pub(crate) fn bytes(&self) -> usize {
         let samples = 3 * self.n_saved() * size_of::<f64>();
         let readings = self.template.sets.len() * self.n * size_of::<f32>();
-        let slopes = self.sloped.len() * size_of::<sensors::Slope>();
+        let slopes = self.sloped.len() * size_of::<sensors::RangeJacobian>();
         samples + readings + slopes + 96 * self.template.world.n_solid() + size_of::<Sensors>()
     }
 
     /// Memory of one worker.
-    pub(crate) fn senses(&self, core: &Core) -> Senses {
+    pub(crate) fn senses(&self, core: &Core) -> SensorScratch {
         let robot = core.robot();
         let frames = robot.n_frame() * FRAME;
         let still = Frame {
@@ -168,11 +168,11 @@ impl Sensing {
             attitude: [1.0, 0.0, 0.0, 0.0],
             angular_velocity: [0.0; 3],
         };
-        Senses {
+        SensorScratch {
             before: Columns::zeros(frames),
             solids: self.solids.clone(),
-            eyes: Eyes::default(),
-            truths: vec![Truth::at(&still, [0.0; 3], [0.0; 3], 0.0); robot.n_frame()],
+            eyes: RayScratch::default(),
+            truths: vec![GroundTruth::at(&still, [0.0; 3], [0.0; 3], 0.0); robot.n_frame()],
             state: vec![0.0; robot.n_state()],
             next: vec![0.0; robot.n_state()],
             frames: vec![0.0; frames],
@@ -185,7 +185,14 @@ impl Sensing {
     }
 
     /// Reads all sensors of one environment, of whose bodies it is known how they move.
-    fn read(&self, core: &Core, block: &mut EnvBlock, senses: &mut Senses, frames: &[[f32; BLOCK]], lane: usize) {
+    fn read(
+        &self,
+        core: &Core,
+        block: &mut EnvBlock,
+        senses: &mut SensorScratch,
+        frames: &[[f32; BLOCK]],
+        lane: usize,
+    ) {
         if let Some(system) = core.exposed.tree().filter(|_| self.feels) {
             take(&block.plant.rows, lane, &mut senses.state);
             core.numbers_of(block, lane, &mut senses.numbers);
@@ -194,7 +201,7 @@ impl Sensing {
         }
         let sensors = &mut block.sensors[lane];
         let solids = senses.solids.at(|body| frame(frames, body, lane));
-        let mut sight = Sight::new(&mut sensors.world, solids, &mut senses.eyes);
+        let mut sight = SensorContext::new(&mut sensors.world, solids, &mut senses.eyes);
         if !senses.records {
             sight = sight.without_slopes();
         }
@@ -258,7 +265,7 @@ fn frame(frames: &[[f32; BLOCK]], body: usize, lane: usize) -> Frame<f64> {
 fn fields(config: &SensorConfig) -> Vec<Field> {
     let (channels, about) = (config.model.channels(), format!("read by the sensor '{}'", config.name));
     let [low, high] = config.model.bounds();
-    let field = |name: String, size: usize, unit: &str, layout: Layout| Field {
+    let field = |name: String, size: usize, unit: &str, layout: FieldLayout| Field {
         name,
         size,
         unit: unit.into(),
@@ -269,19 +276,19 @@ fn fields(config: &SensorConfig) -> Vec<Field> {
         layout,
     };
     let whole = match config.model.layout() {
-        sensors::Layout::Vector => {
+        sensors::ReadingLayout::Vector => {
             let mut fields: Vec<Field> = Vec::new();
             for (name, unit) in &channels {
                 let name = format!("{}.{}", config.name, quantity(name));
                 match fields.last_mut() {
                     Some(last) if last.name == name => last.size += 1,
-                    _ => fields.push(field(name, 1, unit, Layout::Vector)),
+                    _ => fields.push(field(name, 1, unit, FieldLayout::Vector)),
                 }
             }
             return fields;
         }
-        sensors::Layout::Image { height, width, channels } => Layout::Image { height, width, channels },
-        sensors::Layout::Lidar { rows, columns } => Layout::Lidar { rows, columns },
+        sensors::ReadingLayout::Image { height, width, channels } => FieldLayout::Image { height, width, channels },
+        sensors::ReadingLayout::Lidar { rows, columns } => FieldLayout::Lidar { rows, columns },
     };
     vec![field(config.name.clone(), channels.len(), channels.first().map_or("-", |c| c.1), whole)]
 }
@@ -317,7 +324,7 @@ impl Stepper<'_> {
             let gravity = core.gravity(self.block, lane);
             for body in &sensing.carriers {
                 let (before, after) = (frame(&senses.before, *body, lane), frame(frames, *body, lane));
-                senses.truths[*body] = Truth::between(&before, &after, sensing.dt, gravity);
+                senses.truths[*body] = GroundTruth::between(&before, &after, sensing.dt, gravity);
             }
             sensing.read(core, self.block, senses, frames, lane);
         }
@@ -343,7 +350,7 @@ impl Stepper<'_> {
             for body in &sensing.carriers {
                 let now = frame(frames, *body, lane);
                 let next = Frame::read(&senses.frames[body * FRAME..][..FRAME]);
-                senses.truths[*body] = Truth::ahead(&now, &next, dt, gravity);
+                senses.truths[*body] = GroundTruth::ahead(&now, &next, dt, gravity);
             }
             let own = &mut self.block.sensors[lane];
             own.sets.iter_mut().for_each(|set| set.reset(seed, environment, episode));
@@ -359,7 +366,7 @@ impl Stepper<'_> {
         take(&self.block.plant.rows, lane, &mut senses.state);
         take(core.layout.kept.goal.of(&self.block.kept), lane, &mut senses.goal);
         core.numbers_of(self.block, lane, &mut senses.numbers);
-        let Senses { numbers, goal, placement, .. } = senses;
+        let SensorScratch { numbers, goal, placement, .. } = senses;
         sensing.around.place(numbers, placement, |own| core.task.place_scene(goal, own));
         // as many solids as were taken when the environment was made
         let _ = self.block.sensors[lane].world.fill(&sensing.around.scene, placement);

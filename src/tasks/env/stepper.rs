@@ -3,13 +3,13 @@
 use super::block::{EnvBlock, Workspace, episode_state, signal};
 use super::buffers::StepOut;
 use super::core::Core;
-use super::gradient::Slot;
+use super::gradient::TapeEntry;
 use super::mask::lanes_of;
 use super::transition::StepLayout;
 use crate::config::Autoreset;
 use autodiff::lanes::{first_lanes, ones, to_columns};
 use autodiff::native::WIDEST;
-use dynamics::batch::{Culprit, STOPPED};
+use dynamics::batch::{RawBreach, STOPPED};
 use std::ops::Range;
 
 /// A block in the hands of a worker.
@@ -48,7 +48,7 @@ impl Stepper<'_> {
     }
 
     /// One step of the block.
-    pub(crate) fn step(&mut self, out: &mut StepOut<'_>, mut slot: Option<(&StepLayout, &mut Slot)>) {
+    pub(crate) fn step(&mut self, out: &mut StepOut<'_>, mut slot: Option<(&StepLayout, &mut TapeEntry)>) {
         let (core, real) = (self.core, first_lanes(self.n()));
         self.running = ones(&self.block.kept[episode_state::RUNNING]) & real;
         if let Some((layout, slot)) = &mut slot {
@@ -143,7 +143,7 @@ impl Stepper<'_> {
         }
         for lane in lanes_of(stopped) {
             let after = if given_up >> lane & 1 == 1 { &*after } else { &block.rows };
-            let own = Culprit::of(limits.iter().copied(), &block.rows, after, lane);
+            let own = RawBreach::of(limits.iter().copied(), &block.rows, after, lane);
             self.block.broken[lane] = own.or_else(|| plant.exploded(&block.rows, after, lane));
         }
     }

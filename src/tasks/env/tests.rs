@@ -1,6 +1,6 @@
 //! What only shows from inside.
 
-use super::begin::Draft;
+use super::begin::EpisodeStart;
 use super::block::episode_state;
 use super::*;
 use crate::config::{Autoreset, MAX_HORIZON};
@@ -99,10 +99,10 @@ fn environments_of_a_kind_share_their_programs_and_others_do_not() {
 }
 
 /// A start as its recording says it, on plain numbers.
-fn start_in_plain_numbers(core: &Core, key: [u64; 3]) -> Draft {
+fn start_in_plain_numbers(core: &Core, key: [u64; 3]) -> EpisodeStart {
     on_constants(|| {
         let (robot, difficulty) = (core.robot(), Trace::constant(core.difficulty));
-        let mut draft = Draft::<Trace>::new(robot, core.sizes.goal, core.sizes.task_state);
+        let mut draft = EpisodeStart::<Trace>::new(robot, core.sizes.goal, core.sizes.task_state);
         let source = Streams::of_start(key);
         draft.begin((robot, &core.randomiser), &source, difficulty, |start| core.task.start(start));
         draft.known()

@@ -51,14 +51,14 @@ impl Source {
 
 /// Columns in the order of all.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct Told {
+pub(crate) struct InfoColumns {
     chosen: Vec<(Info, Source)>,
     left_out: Vec<Source>,
     /// Of those that are chosen.
     places: Vec<Place>,
 }
 
-impl Told {
+impl InfoColumns {
     /// The columns of these names, or all.
     ///
     /// # Errors

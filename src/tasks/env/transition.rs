@@ -1,7 +1,7 @@
 //! One step of one environment as a recording, without restarts: the function that gradients are taken of. It gives the
 //! adjoint that runs in lanes; duals through the recording give Jacobians.
 
-use super::begin::Draft;
+use super::begin::EpisodeStart;
 use super::block::{episode_state, signal};
 use super::core::Core;
 use super::layout::{EnvLayout, Kept, Part};
@@ -179,13 +179,13 @@ pub(crate) fn config_hash(name: &str, config: &EnvConfig, varied: &[usize]) -> u
 }
 
 /// What a task calls ideal.
-pub(crate) fn ideal(core: &Core) -> Draft {
-    Draft::ideal(&*core.task, core.sizes.goal, core.sizes.task_state)
+pub(crate) fn ideal(core: &Core) -> EpisodeStart {
+    EpisodeStart::ideal(&*core.task, core.sizes.goal, core.sizes.task_state)
 }
 
 /// The summands of the reward in the task's ideal state.
 pub(crate) fn ideal_terms(core: &Core) -> Vec<f64> {
-    let Draft { state, goal, task_state, numbers, .. } = ideal(core);
+    let EpisodeStart { state, goal, task_state, numbers, .. } = ideal(core);
     let seen = Snapshot::of(core.robot(), &core.exposed, &numbers, &state, &goal, task_state);
     seen.ask(core.robot(), |view| core.reward(view).iter().map(|x| x.known().unwrap_or(f64::NAN)).collect())
 }

@@ -11,7 +11,7 @@
 //! - DIFFERENCE: the term gate falls no further than 5 m beside the gate, where every flight has ended.
 //! - DIFFERENCE: ends `high` and `wide` are those of the current code; the paper's had neither.
 
-use super::obstacles::{NEARNESS, Skin, nearness, rounded, softened, touches, touching, where_on};
+use super::obstacles::{CollisionShapes, NEARNESS, nearness, rounded, softened, touches, touching, where_on};
 use super::{
     MotionLoss, PoseReward, StartAttitude, StartRange, along_the_course, ease_of_flight, eased, farther, latch, less,
     made_of, more, nearer, rate_cost, speed_cost, succeeds_once, times,
@@ -28,7 +28,7 @@ use base::error::Result;
 use dynamics::assembly::{Member, single};
 use dynamics::configurations::environment;
 use dynamics::frame::Frame;
-use dynamics::scene::{Gate, Scene, Slide};
+use dynamics::scene::{Gate, GateSlide, Scene};
 use dynamics::shape::Pose;
 use dynamics::spatial::{Vec3, sub};
 
@@ -79,7 +79,7 @@ pub struct FlyThrough {
     robot: Robot,
     settings: FlyThroughSettings,
     gate: Gate,
-    skin: Skin,
+    skin: CollisionShapes,
     /// Body of the gate's frame.
     frame: usize,
     /// Its coordinate in the state.
@@ -90,7 +90,7 @@ impl BuiltIn for FlyThrough {
     fn new(config: &EnvConfig) -> Result<Self> {
         let settings: FlyThroughSettings = config.settings()?;
         let vehicle = config.vehicle(&settings.vehicle)?;
-        let slide = Slide { damping: settings.gate_damping, ..Slide::default() };
+        let slide = GateSlide { damping: settings.gate_damping, ..GateSlide::default() };
         let gate = Gate { position: settings.gate_position, slide: Some(slide), ..Gate::default() };
         let scene = Scene { gates: vec![gate.clone()], ..Scene::default() };
         let drone = Member::new("drone", single(&rounded(&vehicle))?, [0.0; 3]);
@@ -98,7 +98,7 @@ impl BuiltIn for FlyThrough {
         let frame = model.joint("gate/slide")?;
         let slide = model.layout().bodies[frame].position;
         let robot = Robot::of_model(&model, touching(config), Some(&vehicle), |_| vec![])?;
-        Ok(Self { robot, settings, gate, skin: Skin::of(&model), frame, slide })
+        Ok(Self { robot, settings, gate, skin: CollisionShapes::of(&model), frame, slide })
     }
 }
 

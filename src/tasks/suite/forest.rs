@@ -23,7 +23,7 @@ use crate::declare::{Ends, Goal, Loss, Writer};
 use crate::reward::upright;
 use crate::robot::Robot;
 use crate::settings;
-use crate::start::{Drawn, Start};
+use crate::start::{Start, StartScalar};
 use crate::task::{BuiltIn, HostStart, Task, TaskReference, View};
 use autodiff::{Array, Mask, Scalar, Trace, safe};
 use base::error::{Error, Result};
@@ -191,7 +191,7 @@ impl Forest {
     }
 
     /// Keeps p_t, then the places of the trunks, of which the first `standing` stand, displaced.
-    fn set_goal<S: Drawn>(&self, goal: &mut Goal<'_, S>, target: Vec3<f64>, standing: usize, offsets: &[f64]) {
+    fn set_goal<S: StartScalar>(&self, goal: &mut Goal<'_, S>, target: Vec3<f64>, standing: usize, offsets: &[f64]) {
         goal.field("target", "m, world", "p_t").array(target);
         goal.field("trunks", "m, world", "(x, y) of every trunk");
         for (i, trunk) in self.scene.obstacles.iter().enumerate() {

@@ -15,7 +15,7 @@ use crate::declare::{Ends, Goal, Loss, Writer};
 use crate::reward::{exponential_kernel, rational_kernel, smooth_norm};
 use crate::robot::Robot;
 use crate::settings;
-use crate::start::{Drawn, Start};
+use crate::start::{Start, StartScalar};
 use crate::task::{BuiltIn, HostStart, Task, TaskReference, View};
 use crate::task_spec::Success;
 use autodiff::{Array, Mask, Scalar, Trace, TraceMask, safe};
@@ -32,7 +32,7 @@ const ARRIVAL: f64 = 4.0;
 #[serde(untagged)]
 pub enum Figure {
     /// By name.
-    Named(Named),
+    Named(NamedFigure),
     /// Points, m; only differences count.
     Points(Vec<[f64; 3]>),
 }
@@ -40,7 +40,7 @@ pub enum Figure {
 /// A figure by name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Named {
+pub enum NamedFigure {
     /// Centre and corners of a hexagon of radius 2 m: 7 drones.
     Hexagon,
     /// Centre and corners of a square of 2 m: 5 drones.
@@ -57,8 +57,10 @@ impl Figure {
         let s = 3.0_f64.sqrt();
         let points = match self {
             Self::Points(points) => points.clone(),
-            Self::Named(Named::Tetragon) => flat(&[[0.0, 0.0], [1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]]),
-            Self::Named(Named::Hexagon) => {
+            Self::Named(NamedFigure::Tetragon) => {
+                flat(&[[0.0, 0.0], [1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]])
+            }
+            Self::Named(NamedFigure::Hexagon) => {
                 flat(&[[0.0, 0.0], [s, -1.0], [0.0, -2.0], [-s, -1.0], [-s, 1.0], [0.0, 2.0], [s, 1.0]])
             }
         };
@@ -148,7 +150,7 @@ settings! {
     /// Settings of [`Formation`].
     pub(crate) struct FormationSettings {
         vehicle: String = "hummingbird".into() => ("", "what flies", Any);
-        formation: Figure = Figure::Named(Named::Hexagon)
+        formation: Figure = Figure::Named(NamedFigure::Hexagon)
             => ("m", "one drone per point: \"hexagon\" (7), \"tetragon\" (5) or a list of points", Any);
         observe_place: bool = false => ("", "whether each drone, and the state of all, is told the way to the point that it takes", Any);
         horizon: usize = 600 => ("steps", "T", Any);
@@ -235,7 +237,7 @@ impl Formation {
     }
 
     /// Keeps the point of the figure that each drone takes from here, and says where those are.
-    fn take_places<S: Drawn>(&self, goal: &mut Goal<'_, S>, from: &[Vec3<f64>]) -> [Vec3<f64>; MOST] {
+    fn take_places<S: StartScalar>(&self, goal: &mut Goal<'_, S>, from: &[Vec3<f64>]) -> [Vec3<f64>; MOST] {
         let mut points = [[0.0; 3]; MOST];
         points.iter_mut().zip(&self.figure).for_each(|(point, f)| *point = add(self.settings.center, *f));
         let taken = places(from, &points[..from.len()]);

@@ -19,7 +19,7 @@ use crate::declare::{Loss, Writer};
 use crate::reward::smooth_norm;
 use crate::robot::{Inertial, Robot};
 use crate::settings;
-use crate::start::{Drawn, Start};
+use crate::start::{Start, StartScalar};
 use crate::task::{TaskReference, View};
 use crate::track_path::{Follow, PathRange, TrackPath};
 use autodiff::{Scalar, Trace, TraceMask, safe};
@@ -174,7 +174,7 @@ impl Load {
     }
 
     /// Of bar and ball in the frame of their body.
-    pub(super) fn inertial<S: Drawn>(&self, length: S, bar: S, ball: S) -> Inertial<S> {
+    pub(super) fn inertial<S: StartScalar>(&self, length: S, bar: S, ball: S) -> Inertial<S> {
         let along = |share: f64| [S::zero(), S::zero(), S::from(share * self.sign) * length];
         let bar = Inertial::capsule(bar, BAR_RADIUS, length, along(0.5));
         bar.and(&Inertial::ball(ball, BALL_RADIUS, along(1.0)))

@@ -40,7 +40,7 @@ mod tests;
 
 use super::declare::Loss;
 use super::reward::pseudo_huber;
-use super::start::{ANY_YAW, Draw, Drawn, START_TILT, Start, eased};
+use super::start::{ANY_YAW, Draw, START_TILT, Start, StartScalar, eased};
 use super::task::View;
 use crate::settings;
 use autodiff::{Scalar, Trace, safe};
@@ -57,12 +57,12 @@ settings! {
 
 impl StartAttitude {
     /// Roll, pitch and yaw, uniform.
-    pub fn draw<S: Drawn>(&self, start: &mut Start<'_, S>) -> Quat<S> {
+    pub fn draw<S: StartScalar>(&self, start: &mut Start<'_, S>) -> Quat<S> {
         let share = self.share(start);
         start.attitude(share * S::from(self.tilt), narrowed(self.yaw, share))
     }
 
-    fn share<S: Drawn>(&self, start: &Start<'_, S>) -> S {
+    fn share<S: StartScalar>(&self, start: &Start<'_, S>) -> S {
         eased(self.ease, start.difficulty)
     }
 }
@@ -78,7 +78,7 @@ settings! {
 
 impl StartRange {
     /// Position, then roll, pitch and yaw, uniform.
-    pub fn draw<S: Drawn>(&self, start: &mut Start<'_, S>) -> (Vec3<S>, Quat<S>) {
+    pub fn draw<S: StartScalar>(&self, start: &mut Start<'_, S>) -> (Vec3<S>, Quat<S>) {
         let share = self.attitude.share(start);
         (start.position(self.position.map(|range| narrowed(range, share))), self.attitude.draw(start))
     }
@@ -86,7 +86,7 @@ impl StartRange {
 
 /// Where an episode begins that should begin at `from`: in the share `along` anywhere on the straight way to `to`, but no nearer
 /// than `clear` to the obstacles at x = 0.
-pub(crate) fn along_the_course<S: Drawn>(
+pub(crate) fn along_the_course<S: StartScalar>(
     start: &mut Start<'_, S>,
     along: f64,
     from: Vec3<S>,
@@ -105,7 +105,7 @@ pub(crate) fn along_the_course<S: Drawn>(
 }
 
 /// A share of a range, about its middle.
-fn narrowed<S: Drawn>([low, high]: [f64; 2], share: S) -> [S; 2] {
+fn narrowed<S: StartScalar>([low, high]: [f64; 2], share: S) -> [S; 2] {
     let (middle, half) = (S::from(0.5 * (low + high)), S::from(0.5 * (high - low)) * share);
     [middle - half, middle + half]
 }

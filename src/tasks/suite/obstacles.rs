@@ -14,7 +14,7 @@ use crate::config::EnvConfig;
 use crate::declare::Writer;
 use crate::robot::Robot;
 use crate::settings;
-use crate::start::{Drawn, Start};
+use crate::start::{Start, StartScalar};
 use crate::task::View;
 use autodiff::{Mask, Scalar, Trace};
 use base::error::Result;
@@ -140,9 +140,9 @@ pub(super) fn balls(vehicle: &Vehicle) -> Vec<Ball> {
 
 /// What touches: shapes of one tree, each with the body that carries it.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Skin(Vec<(usize, Shape)>);
+pub(super) struct CollisionShapes(Vec<(usize, Shape)>);
 
-impl Skin {
+impl CollisionShapes {
     /// Of the model's first tree.
     pub(super) fn of(model: &Model) -> Self {
         let own = &model.layout().trees[0].bodies;
@@ -182,7 +182,7 @@ impl Skin {
         least
     }
 
-    /// The same of a skin [at rest](Skin::at_rest) whose root is at `pose`.
+    /// The same of a skin [at rest](CollisionShapes::at_rest) whose root is at `pose`.
     pub(super) fn clearance_at<const N: usize>(&self, pose: &Pose<f64>, axes: [[Vec3<f64>; 2]; N], radius: f64) -> f64 {
         self.0.iter().fold(FAR, |least, (_, shape)| least.min(gap(shape, pose, axes, radius)))
     }
@@ -241,7 +241,7 @@ pub(super) const BARS: usize = 2;
 /// Two level bars along y across the way, at x = 0: capsules of radius 0.04 m, 5 m long, one at z = 1.2 m, one above.
 #[derive(Debug, Clone)]
 pub(super) struct Bars {
-    skin: Skin,
+    skin: CollisionShapes,
     /// Where their heights stand among the robot's numbers.
     numbers: [usize; BARS],
     settings: BarsSettings,
@@ -263,7 +263,7 @@ impl Bars {
     /// Of a model in [`Bars::scene`], with their heights in the goal from `goal` on.
     pub(super) fn of(model: &Model, settings: &BarsSettings, goal: usize) -> Self {
         let z = |i| static_parameters(model.bodies().len(), model.rotors().len(), i) + 2;
-        Self { skin: Skin::of(model), numbers: [z(0), z(1)], settings: settings.clone(), goal }
+        Self { skin: CollisionShapes::of(model), numbers: [z(0), z(1)], settings: settings.clone(), goal }
     }
 
     /// Numbers of the robot that vary.
@@ -272,7 +272,7 @@ impl Bars {
     }
 
     /// Draws their heights into the goal.
-    pub(super) fn draw<S: Drawn>(&self, start: &mut Start<'_, S>) {
+    pub(super) fn draw<S: StartScalar>(&self, start: &mut Start<'_, S>) {
         let [low, high] = self.settings.spacing;
         let factor = eased(self.settings.spacing_ease, start.difficulty);
         let heights = [S::from(LOW), S::from(LOW) + factor * start.task.uniform(low, high)];
@@ -298,7 +298,7 @@ impl Bars {
     }
 
     /// Whether a skin at rest, its root at `pose`, is clear of the bars as drawn.
-    pub(super) fn clear_of(&self, start: &Start<'_, f64>, rest: &Skin, pose: &Pose<f64>) -> bool {
+    pub(super) fn clear_of(&self, start: &Start<'_, f64>, rest: &CollisionShapes, pose: &Pose<f64>) -> bool {
         rest.clearance_at(pose, self.axes(&start.goal), RADIUS) > 0.0
     }
 

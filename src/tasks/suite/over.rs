@@ -7,7 +7,7 @@ use crate::declare::{Loss, Writer};
 use crate::reward::{rational_kernel, smooth_norm};
 use crate::robot::Robot;
 use crate::settings;
-use crate::start::{ANY_YAW, Drawn, START_TILT, Start};
+use crate::start::{ANY_YAW, START_TILT, Start, StartScalar};
 use crate::task::{TaskReference, View};
 use crate::task_spec::Smoothness;
 use autodiff::{Array, Scalar, Trace, safe};
@@ -58,7 +58,7 @@ settings! {
 }
 
 /// Keeps an attitude in the goal.
-pub(crate) fn set_attitude<S: Drawn>(start: &mut Start<'_, S>, attitude: Quat<S>) {
+pub(crate) fn set_attitude<S: StartScalar>(start: &mut Start<'_, S>, attitude: Quat<S>) {
     let axes = [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]].map(|axis| rotate(attitude, constants(axis)));
     start.goal.field("target_heading", "-, world", "h_t").within(-1.0, 1.0).array(axes[0]);
     start.goal.field("target_up", "-, world", "u_t").within(-1.0, 1.0).array(axes[1]);
@@ -66,7 +66,7 @@ pub(crate) fn set_attitude<S: Drawn>(start: &mut Start<'_, S>, attitude: Quat<S>
 
 impl TargetPose {
     /// Draws an attitude into the goal.
-    pub fn draw<S: Drawn>(&self, start: &mut Start<'_, S>) {
+    pub fn draw<S: StartScalar>(&self, start: &mut Start<'_, S>) {
         let (r, tilt) = (&mut start.task, self.tilt);
         let (roll, pitch) = (r.uniform(-tilt, tilt), r.uniform(-tilt, tilt));
         let yaw = r.uniform(self.yaw[0], self.yaw[1]);

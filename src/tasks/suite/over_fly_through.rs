@@ -7,7 +7,7 @@
 //! - DIFFERENCE: contact is that of capsules in the boxes of vehicles, on a material as of rubber, in substeps of at most 4 ms.
 //! - DIFFERENCE: starts that touch a pole are drawn again; those of our vehicles never do. The published task states no success.
 
-use super::obstacles::{NEARNESS, Skin, course, nearness, rounded, touches, touching, where_on};
+use super::obstacles::{CollisionShapes, NEARNESS, course, nearness, rounded, touches, touching, where_on};
 use super::over::*;
 use super::team::{
     ALL_BEYOND, CourseLoss, TeamSettings, arrived, clearance, lowest, observe_load, observes_team, remember_course,
@@ -21,7 +21,7 @@ use crate::declare::{Ends, Loss, Writer};
 use crate::reward::rational_kernel;
 use crate::robot::Robot;
 use crate::settings;
-use crate::start::{Drawn, Start};
+use crate::start::{Start, StartScalar};
 use crate::task::{BuiltIn, HostStart, Task, View};
 use crate::task_spec::Smoothness;
 use autodiff::{Array, Mask, Scalar, Trace, safe};
@@ -90,9 +90,9 @@ settings! {
 pub struct OverFlyThrough {
     robot: Robot,
     settings: OverFlyThroughSettings,
-    skin: Skin,
+    skin: CollisionShapes,
     /// Of starts.
-    rest: Skin,
+    rest: CollisionShapes,
     /// Where the poles' y stand among the robot's numbers.
     poles: [usize; POLES.len()],
 }
@@ -113,16 +113,16 @@ impl BuiltIn for OverFlyThrough {
         let robot = Robot::of_model(&model, physics, Some(&vehicle), |_| Vec::new())?;
         let y = |i| static_parameters(model.bodies().len(), model.rotors().len(), i) + 1;
         let poles: [usize; POLES.len()] = std::array::from_fn(y);
-        let rest = Skin::at_rest(&robot, &model);
+        let rest = CollisionShapes::at_rest(&robot, &model);
         // numbers that may differ cost time, in physics and in gradients
         let robot = if settings.spacing_ease == 1.0 { robot } else { robot.varying(poles) };
-        Ok(Self { settings, skin: Skin::of(&model), rest, robot, poles })
+        Ok(Self { settings, skin: CollisionShapes::of(&model), rest, robot, poles })
     }
 }
 
 impl OverFlyThrough {
     /// Keeps the spacing of the poles, and moves them.
-    fn space<S: Drawn>(&self, start: &mut Start<'_, S>) -> S {
+    fn space<S: StartScalar>(&self, start: &mut Start<'_, S>) -> S {
         let spacing = S::from(self.settings.pole_spacing) * eased(self.settings.spacing_ease, start.difficulty);
         start.goal.field("pole_spacing", "m", "of the poles").number(spacing);
         self.poles.iter().zip(POLES).for_each(|(y, pole)| start.numbers[*y] = times(pole, spacing));

@@ -17,7 +17,7 @@ use crate::declare::{Ends, Goal, Loss, Writer};
 use crate::reward::{rational_kernel, smooth_norm};
 use crate::robot::Robot;
 use crate::settings;
-use crate::start::{Drawn, Start};
+use crate::start::{Start, StartScalar};
 use crate::task::{BuiltIn, HostStart, Task, TaskReference, View};
 use crate::task_spec::Success;
 use autodiff::{Array, Scalar, Trace, TraceMask, safe};
@@ -138,7 +138,7 @@ impl Spread {
     }
 
     /// Keeps the targets, and which of them each drone takes from here, and says where those are.
-    fn set_goal<S: Drawn>(
+    fn set_goal<S: StartScalar>(
         &self,
         goal: &mut Goal<'_, S>,
         targets: &[Vec3<f64>],

@@ -4,7 +4,7 @@ use super::load::{Load, LoadSettings, Side};
 use super::transport_hover::TransportHover;
 use super::*;
 use crate::any_task::{Snapshot, declare};
-use crate::env::begin::Draft;
+use crate::env::begin::EpisodeStart;
 use crate::robot::{Inertial, Robot};
 use crate::task::BuiltIn;
 use crate::task_spec::total;
@@ -36,7 +36,8 @@ fn drawn_mass_properties_are_those_of_the_model_at_its_masses() {
 /// Reward terms of a task at its ideal, and whether it ends there.
 fn at_ideal(task: &impl Task) -> (Vec<f64>, bool) {
     let (robot, own) = (task.robot(), declare(task).unwrap());
-    let Draft { state, numbers, goal, task_state, .. } = Draft::ideal(task, total(&own.goal), total(&own.task_state));
+    let EpisodeStart { state, numbers, goal, task_state, .. } =
+        EpisodeStart::ideal(task, total(&own.goal), total(&own.task_state));
     let seen = Snapshot::of(robot, robot.plant(), &numbers, &state, &goal, task_state);
     seen.ask(robot, |view| {
         let kept = Writer::written(|out| task.remember(view, out)).numbers();

@@ -7,7 +7,7 @@ use crate::declare::{Loss, Writer};
 use crate::reward::{pseudo_huber, smooth_norm, upright};
 use crate::robot::{Inertial, Robot};
 use crate::settings;
-use crate::start::{Drawn, Start};
+use crate::start::{Start, StartScalar};
 use crate::task::View;
 use autodiff::{Scalar, Trace};
 use base::error::{Error, Result};
@@ -130,7 +130,7 @@ impl Load {
     }
 
     /// Draws the mass of the box; its inertia follows.
-    pub fn draw_mass<S: Drawn>(&self, start: &mut Start<'_, S>) {
+    pub fn draw_mass<S: StartScalar>(&self, start: &mut Start<'_, S>) {
         let mass = start.task.uniform(self.share[0], self.share[1]) * S::from(self.team_mass);
         let own = Inertial::read(start.numbers, BOX);
         own.scaled(mass / own.mass).write(start.numbers, BOX);

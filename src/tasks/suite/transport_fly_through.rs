@@ -10,7 +10,9 @@
 //! - DIFFERENCE: contact is that of capsules in the boxes of load and vehicles, on a material as of rubber.
 //! - DIFFERENCE: starts that touch a beam are drawn again; those of our vehicles never do.
 
-use super::obstacles::{Bars, BarsSettings, NEARNESS, Skin, course, nearness, rounded, touches, touching, where_on};
+use super::obstacles::{
+    Bars, BarsSettings, CollisionShapes, NEARNESS, course, nearness, rounded, touches, touching, where_on,
+};
 use super::team::{
     ALL_BEYOND, arrived, clearance, highest, lowest, mean_throttle_difference, observe_load, observes_team,
     remember_course, squared_separation,
@@ -26,7 +28,7 @@ use crate::declare::{Ends, Loss, Writer};
 use crate::reward::{exponential_kernel, upright};
 use crate::robot::Robot;
 use crate::settings;
-use crate::start::{Drawn, Start};
+use crate::start::{Start, StartScalar};
 use crate::task::{BuiltIn, HostStart, Task, View};
 use autodiff::{Array, Scalar, Trace, safe};
 use base::error::Result;
@@ -75,7 +77,7 @@ pub struct TransportFlyThrough {
     load: Load,
     bars: Bars,
     /// Of starts.
-    rest: Skin,
+    rest: CollisionShapes,
 }
 
 impl BuiltIn for TransportFlyThrough {
@@ -86,7 +88,7 @@ impl BuiltIn for TransportFlyThrough {
         let load = Load::new(&vehicle, &settings.group, &built);
         let model = course("transport_fly_through", built.model, &Bars::scene(&settings.bars))?;
         let robot = Robot::of_model(&model, stiff_physics(touching(config)), Some(&vehicle), |_| Vec::new())?;
-        let (bars, rest) = (Bars::of(&model, &settings.bars, HEIGHTS), Skin::at_rest(&robot, &model));
+        let (bars, rest) = (Bars::of(&model, &settings.bars, HEIGHTS), CollisionShapes::at_rest(&robot, &model));
         Ok(Self { robot: robot.varying_inertial(BOX).varying(bars.numbers()), settings, load, bars, rest })
     }
 }
@@ -106,7 +108,7 @@ impl TransportFlyThrough {
     }
 
     /// Keeps p_t, and draws the beams.
-    fn draw<S: Drawn>(&self, start: &mut Start<'_, S>, target: Vec3<f64>) {
+    fn draw<S: StartScalar>(&self, start: &mut Start<'_, S>, target: Vec3<f64>) {
         start.goal.field("target", "m, world", "p_t").array(target);
         self.bars.draw(start);
     }

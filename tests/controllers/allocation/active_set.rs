@@ -1,17 +1,17 @@
 //! The active set alone: programs solved by hand.
 
-use omnidrones::controllers::allocation::active_set::{BoxProgram, Factor, Iterate, Precision};
+use omnidrones::controllers::allocation::active_set::{BoxQp, Factor, Iterate, Tolerances};
 
 /// H = [[2, 1], [1, 2]], q = (−4, −5): free optimum (1, 2).
-fn two() -> BoxProgram<f64, 2> {
-    BoxProgram { hessian: [[2.0, 1.0], [1.0, 2.0]], linear: [-4.0, -5.0], lower: [0.0; 2], upper: [3.0; 2] }
+fn two() -> BoxQp<f64, 2> {
+    BoxQp { hessian: [[2.0, 1.0], [1.0, 2.0]], linear: [-4.0, -5.0], lower: [0.0; 2], upper: [3.0; 2] }
 }
 
-fn solved(qp: &BoxProgram<f64, 2>) -> Iterate<f64, 2> {
+fn solved(qp: &BoxQp<f64, 2>) -> Iterate<f64, 2> {
     let mut x = qp.start(2, &[0.5, 0.5]);
     let mut factor = Factor::new();
     for _ in 0..10 {
-        qp.step(2, &mut x, &mut factor, true, Precision::DOUBLE);
+        qp.step(2, &mut x, &mut factor, true, Tolerances::DOUBLE);
     }
     x
 }

@@ -2,7 +2,9 @@
 
 use super::problems::{Kind, gimballed, stream, tilting, trouble, vehicles, wanted};
 use nalgebra::DMatrix;
-use omnidrones::controllers::allocation::{AllocationSensitivity, Allocator, Problem, Settings, Solver, Variation};
+use omnidrones::controllers::allocation::{
+    AllocationSensitivity, Allocator, AllocatorSettings, Problem, Solver, Variation,
+};
 use omnidrones::rng::Stream;
 
 /// A random direction in all numbers that may move: bounds that are infinite or have no room between them stay.
@@ -32,7 +34,8 @@ fn direction(problem: &Problem, wrench: &[f64; 6], r: &mut Stream) -> Variation 
 
 fn answer(problem: &Problem, wrench: &[f64; 6]) -> Vec<f64> {
     let mut allocator =
-        Allocator::with_settings(problem.clone(), Settings { warm: false, ..Settings::default() }).unwrap();
+        Allocator::with_settings(problem.clone(), AllocatorSettings { warm: false, ..AllocatorSettings::default() })
+            .unwrap();
     let solution = allocator.solve(wrench);
     assert_ne!(solution.solver, Solver::Held);
     solution.inputs.clone()

@@ -3,8 +3,8 @@
 use super::problems::{Kind, gimballed, stream, tilting, trouble, vehicles, wanted};
 use nalgebra::DMatrix;
 use omnidrones::controllers::allocation::{
-    AllocationSensitivity, Allocator, BatchAllocator, PrioritisedAllocator, Problem, Reason, Settings, Solver,
-    Variation, rate_window,
+    AllocationSensitivity, Allocator, AllocatorSettings, BatchAllocator, HoldReason, PrioritisedAllocator, Problem,
+    Solver, Variation, rate_window,
 };
 use omnidrones::parallel::Threads;
 
@@ -26,7 +26,7 @@ fn broken_bounds_with_a_broken_wrench_hold_without_panic() {
         allocator.solve(&up(4.0));
         allocator.set_bounds(&lower, &upper);
         let held = allocator.solve(&[f64::NAN; 6]);
-        assert_eq!(held.reason, Some(Reason::Bounds));
+        assert_eq!(held.reason, Some(HoldReason::Bounds));
         assert!(held.inputs[1] <= 1.0, "what is in order holds: {held:?}");
         let mut stages = PrioritisedAllocator::new(lift([3.0, 3.0]), &[&[2], &[5]]).unwrap();
         stages.set_bounds(&lower, &upper);
@@ -45,24 +45,27 @@ fn a_refused_answer_moves_nothing() {
     let mut huge = up(0.0);
     huge[2..].fill(f64::MAX);
     let held = allocator.solve(&huge);
-    assert_eq!((held.solver, held.reason, &held.inputs), (Solver::Held, Some(Reason::Wrench), &good));
+    assert_eq!((held.solver, held.reason, &held.inputs), (Solver::Held, Some(HoldReason::Wrench), &good));
     // a tolerance that no answer with rounding meets
     for fast in [true, false] {
-        let settings = Settings { fast, tolerance: 1e-300, ..Settings::default() };
+        let settings = AllocatorSettings { fast, tolerance: 1e-300, ..AllocatorSettings::default() };
         let mut strict = Allocator::with_settings(lift([3.0, 3.0]), settings).unwrap();
         let mut held = 0;
         for k in 1..=100 {
             let before = strict.solution().inputs.clone();
             let answer = strict.solve(&up(0.0333 * f64::from(k)));
             if answer.solver == Solver::Held {
-                assert_eq!((answer.reason, &answer.inputs), (Some(Reason::Uncertified), &before));
+                assert_eq!((answer.reason, &answer.inputs), (Some(HoldReason::Uncertified), &before));
                 held += 1;
             }
         }
         assert_eq!(held, 100, "fast {fast}");
     }
     for tolerance in [f64::NAN, f64::INFINITY, 0.0, -1.0] {
-        assert!(Allocator::with_settings(lift([3.0; 2]), Settings { tolerance, ..Settings::default() }).is_err());
+        assert!(
+            Allocator::with_settings(lift([3.0; 2]), AllocatorSettings { tolerance, ..AllocatorSettings::default() })
+                .is_err()
+        );
     }
 }
 
@@ -136,7 +139,7 @@ fn twenty_inputs_and_thirty_are_solved_too() {
             let (problem, wrench) = trouble(&base, Kind::ALL[case % 9], &mut r);
             let mut allocator = Allocator::new(problem.clone()).unwrap();
             let mine = allocator.solve(&wrench).clone();
-            let settings = Settings { fast: false, ..Settings::default() };
+            let settings = AllocatorSettings { fast: false, ..AllocatorSettings::default() };
             let other = Allocator::with_settings(problem.clone(), settings).unwrap().solve(&wrench).inputs.clone();
             assert_ne!(mine.solver, Solver::Held, "{n}, case {case}");
             assert_eq!(mine.solver == Solver::Clarabel, n > 24, "{n}, case {case}: {mine:?}");
@@ -167,6 +170,6 @@ fn stages_hold_their_last_whole_answer() {
     let mut stages = PrioritisedAllocator::new(problem, &[&[2, 3, 4], &[5]]).unwrap();
     let good = stages.solve(&wrench).solution.inputs;
     let held = stages.solve(&[f64::NAN; 6]).solution;
-    assert_eq!((held.solver, held.reason, held.inputs), (Solver::Held, Some(Reason::Wrench), good));
+    assert_eq!((held.solver, held.reason, held.inputs), (Solver::Held, Some(HoldReason::Wrench), good));
     assert_eq!((stages.counts().whole, stages.counts().held), (1, 1));
 }

@@ -2,8 +2,8 @@
 
 use super::problems::{Kind, gimballed, stream, trouble};
 use omnidrones::autodiff::program::BLOCK;
-use omnidrones::autodiff::{Bounds, Objective, Program, Recording, Rollout, Scalar, System, Trace, certify};
-use omnidrones::controllers::allocation::active_set::{BoxProgram, Factor, Precision};
+use omnidrones::autodiff::{CertificateBounds, Objective, Program, Recording, Rollout, Scalar, System, Trace, certify};
+use omnidrones::controllers::allocation::active_set::{BoxQp, Factor, Tolerances};
 use omnidrones::controllers::allocation::{AllocationFunction, Problem};
 use omnidrones::dynamics::vehicles;
 
@@ -71,7 +71,7 @@ fn the_certificate_holds_for_a_system_that_allocates_through_cones() {
         let x = [0.1, 0.2, 0.3, -0.1, 0.05, 0.2];
         let c = certify(&system, &x, &target, &[3.0, 2.5]).unwrap();
         println!("case {case}: {c}"); // measured: adjoint 1.9e-16, differences 2.6e-8
-        assert!(c.holds(Bounds::default()), "case {case}: {c}");
+        assert!(c.holds(CertificateBounds::default()), "case {case}: {c}");
         let wrench: [f64; 6] = std::array::from_fn(|k| match k {
             0..3 => 3.0 * (target[k] - x[k]) - 2.5 * x[3 + k] + if k == 2 { 9.81 * 2.0 } else { 0.0 },
             _ => 0.0,
@@ -106,7 +106,7 @@ fn straight<S: Scalar>(problem: &Problem, wrench: &[S; 6]) -> [S; 4] {
     const N: usize = 4;
     let (h, unit) = (problem.hessian(), problem.upper[0]);
     let cost = h.diagonal().max();
-    let mut program = BoxProgram::<S, N>::empty();
+    let mut program = BoxQp::<S, N>::empty();
     for i in 0..N {
         for j in 0..N {
             program.hessian[i][j] = S::constant(h[(i, j)] / cost);
@@ -121,9 +121,9 @@ fn straight<S: Scalar>(problem: &Problem, wrench: &[S; 6]) -> [S; 4] {
     let mut x = program.start(N, &[S::constant(0.5); N]);
     let mut factor = Factor::new();
     for _ in 0..12 {
-        program.step(N, &mut x, &mut factor, true, Precision::DOUBLE);
+        program.step(N, &mut x, &mut factor, true, Tolerances::DOUBLE);
     }
-    let mut u = program.live(N, &x, &mut factor, Precision::DOUBLE);
+    let mut u = program.live(N, &x, &mut factor, Tolerances::DOUBLE);
     for i in 0..N {
         x.inputs[i] = x.inputs[i].detach();
         u[i] *= S::constant(unit);

@@ -1,7 +1,7 @@
 //! Each solver against the others and against its certificate.
 
 use super::problems::{Kind, gimballed, stream, tilting, trouble, vehicles, wanted};
-use omnidrones::controllers::allocation::{Allocator, Problem, Reason, Settings, Solver};
+use omnidrones::controllers::allocation::{Allocator, AllocatorSettings, HoldReason, Problem, Solver};
 use std::collections::BTreeMap;
 
 /// The worst of what was seen.
@@ -26,12 +26,12 @@ fn gap(problem: &Problem, wrench: &[f64; 6], mine: &[f64], other: &[f64]) -> f64
 /// Solves one problem on the fast path and by clarabel; notes what happened.
 fn both(problem: Problem, wrench: [f64; 6], seen: &mut Seen, name: &str) {
     let mut fast = Allocator::new(problem.clone()).unwrap();
-    let settings = Settings { fast: false, ..Settings::default() };
+    let settings = AllocatorSettings { fast: false, ..AllocatorSettings::default() };
     let mut exact = Allocator::with_settings(problem.clone(), settings).unwrap();
     let mine = fast.solve(&wrench).clone();
     assert_eq!(problem.violation(&mine.inputs), 0.0, "{name}: bounds hold exactly");
     if wrench.iter().any(|w| !w.is_finite()) {
-        assert_eq!((mine.solver, mine.reason), (Solver::Held, Some(Reason::Wrench)), "{name}");
+        assert_eq!((mine.solver, mine.reason), (Solver::Held, Some(HoldReason::Wrench)), "{name}");
         seen.held += 1;
         return;
     }
@@ -107,12 +107,12 @@ fn inputs_are_held_within_the_bounds_of_now_when_nothing_can_be_solved() {
     upper[0] = 0.25 * good[0];
     allocator.set_bounds(&base.lower, &upper);
     let held = allocator.solve(&[f64::NAN; 6]);
-    assert_eq!((held.solver, held.reason), (Solver::Held, Some(Reason::Wrench)));
+    assert_eq!((held.solver, held.reason), (Solver::Held, Some(HoldReason::Wrench)));
     assert_eq!(held.inputs[0], upper[0], "a rotor that has just failed is not held above what it can do");
     assert_eq!(held.inputs[1..], good[1..]);
     upper[1] = f64::NAN;
     allocator.set_bounds(&base.lower, &upper);
-    assert_eq!(allocator.solve(&wrench).reason, Some(Reason::Bounds));
+    assert_eq!(allocator.solve(&wrench).reason, Some(HoldReason::Bounds));
     assert_eq!(allocator.counts().of(Solver::Held), 2);
     allocator.set_bounds(&base.lower, &base.upper);
     let again = allocator.solve(&wrench);
@@ -123,7 +123,7 @@ fn inputs_are_held_within_the_bounds_of_now_when_nothing_can_be_solved() {
 fn a_sequence_of_ticks_gives_the_same_answers_warm_and_cold() {
     let mut worst = 0.0_f64;
     for (case, (name, base)) in vehicles().into_iter().enumerate() {
-        let cold = Settings { warm: false, ..Settings::default() };
+        let cold = AllocatorSettings { warm: false, ..AllocatorSettings::default() };
         let mut a = Allocator::new(base.clone()).unwrap();
         let mut b = Allocator::with_settings(base.clone(), cold).unwrap();
         let mut r = stream(3, case as u64);

@@ -4,7 +4,7 @@
 use super::common::*;
 use crate::common::measure::larger;
 use crate::common::tree::{attitude, stream};
-use omnidrones::dynamics::assembly::{Assembly, Join, Kind, Member, Solid, WORLD, group, single};
+use omnidrones::dynamics::assembly::{Assembly, JointKind, JointSpec, Member, Solid, WORLD, group, single};
 use omnidrones::dynamics::shape::{Geometry, Shape};
 use omnidrones::dynamics::spatial::from_euler;
 use omnidrones::dynamics::tree::{Model, Multibody, contact_forces, momentum, separations};
@@ -143,10 +143,10 @@ fn a_capsule_rests_on_its_two_ends() {
 fn cradle(of: &[Shape]) -> Model {
     let mut robot = Assembly::new("cradle");
     robot.part("ball", Solid::sphere(0.1).mass(0.7)).ground(None);
-    robot.join(Join::new("free", Kind::Floating, WORLD, "ball"));
+    robot.join(JointSpec::new("free", JointKind::Floating, WORLD, "ball"));
     for (k, shape) in of.iter().enumerate() {
         robot.part(format!("post_{k}"), Solid::of([*shape]));
-        robot.join(Join::new(format!("stand_{k}"), Kind::Fixed, WORLD, format!("post_{k}")));
+        robot.join(JointSpec::new(format!("stand_{k}"), JointKind::Fixed, WORLD, format!("post_{k}")));
     }
     robot.model().unwrap()
 }

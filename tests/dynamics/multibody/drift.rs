@@ -2,7 +2,7 @@
 
 use super::common::*;
 use crate::common::measure::larger;
-use omnidrones::dynamics::assembly::{Assembly, Join, Kind, Solid, WORLD};
+use omnidrones::dynamics::assembly::{Assembly, JointKind, JointSpec, Solid, WORLD};
 use omnidrones::dynamics::tree::{Model, Motion, Multibody, momentum};
 use omnidrones::dynamics::{Effects, Physics};
 use std::f64::consts::TAU;
@@ -123,7 +123,7 @@ fn period(rod: &Model, most: f64) -> f64 {
 fn a_pendulum_is_back_at_rest_where_it_was_let_go_after_periods_of_the_elliptic_integral() {
     let mut assembly = Assembly::new("pendulum");
     assembly.part("rod", Solid::bar([0.0; 3], [0.0, 0.0, -0.8], 0.01).mass(0.4));
-    assembly.join(Join::new("pin", Kind::Revolute([0.0, 1.0, 0.0]), WORLD, "rod"));
+    assembly.join(JointSpec::new("pin", JointKind::Revolute([0.0, 1.0, 0.0]), WORLD, "rod"));
     let model = assembly.model().unwrap();
     let after_four = |most: f64, period: f64| {
         let system = Multibody::new(&model, rk4(period / 1500.0, Effects::none())).unwrap();

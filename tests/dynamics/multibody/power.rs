@@ -10,12 +10,12 @@ use omnidrones::dynamics::assembly::single;
 use omnidrones::dynamics::contact::with_plane;
 use omnidrones::dynamics::shape;
 use omnidrones::dynamics::spatial::from_matrix;
-use omnidrones::dynamics::tree::{Multibody, Pose, body_poses};
+use omnidrones::dynamics::tree::{FrameKinematics, Multibody, body_poses};
 use omnidrones::dynamics::{Effects, Physics, Vehicle, vehicles};
 use omnidrones::internals::contact_force;
 
 /// Body axes → world, then velocity of the origin and angular velocity in body axes.
-fn own(pose: &Pose<f64>) -> (Matrix3<f64>, Vector3<f64>, Vector3<f64>) {
+fn own(pose: &FrameKinematics<f64>) -> (Matrix3<f64>, Vector3<f64>, Vector3<f64>) {
     let r = Matrix3::from_fn(|i, j| pose.rotation[i][j]);
     (r, r.transpose() * Vector3::from(pose.velocity), r.transpose() * Vector3::from(pose.angular_velocity))
 }
@@ -61,7 +61,7 @@ fn powers(system: &Multibody, x: &[f64], u: &[f64]) -> (f64, f64) {
 }
 
 /// Of the ground, without what its springs store.
-fn contact_loss(system: &Multibody, poses: &[Pose<f64>]) -> f64 {
+fn contact_loss(system: &Multibody, poses: &[FrameKinematics<f64>]) -> f64 {
     let settings = &system.model().parts().contact;
     let (Some(ground), true) = (settings.ground, system.physics().effects.contact) else { return 0.0 };
     let mut loss = 0.0;

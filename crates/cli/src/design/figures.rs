@@ -3,7 +3,7 @@
 use super::{Findings, degrees};
 use crate::prelude::*;
 use nalgebra::Complex;
-use omnidrones::controllers::design::Point;
+use omnidrones::controllers::design::AnalysisPoint;
 use omnidrones::controllers::linear::DiskMargin;
 use omnidrones::controllers::linear::response::unwrapped;
 use omnidrones::flight::FlightLog;
@@ -28,7 +28,7 @@ impl Loops {
         let share = |k: u32| f64::from(k) / f64::from(POINTS - 1);
         let omega: Vec<f64> = (0..POINTS).map(|k| SLOWEST * (nyquist / SLOWEST).powf(share(k))).collect();
         let broken = found.model.commands.iter().enumerate().map(|(i, command)| {
-            let s = found.model.response(Point::Command(i), &omega)?;
+            let s = found.model.response(AnalysisPoint::Command(i), &omega)?;
             Ok((command.name.clone(), s.iter().map(|s| s.inv() - 1.0).collect()))
         });
         Ok(Self { open: broken.collect::<Result<_>>()?, omega })

@@ -1,7 +1,7 @@
 //! Derivatives of what was flown: certificates at one step, the gradient of the error through all of them.
 
 use crate::prelude::*;
-use omnidrones::autodiff::{Bounds, Certificate, JacobianScratch, System};
+use omnidrones::autodiff::{Certificate, CertificateBounds, JacobianScratch, System};
 use omnidrones::controllers::design::{GainSensitivity, LoopModel, Stability, TrimTarget, sensitivity, trim};
 use omnidrones::controllers::reference::Hover;
 use omnidrones::controllers::{ClosedLoop, Flight, FlightPlan, Reference, SmoothPoint, Target};
@@ -155,14 +155,14 @@ impl Derivatives {
                     format!("{:.0e}", c.adjoint_error),
                     format!("{:.0e}", c.difference_error),
                     order,
-                    if c.holds(Bounds::default()) { "certified".into() } else { "NOT HELD".to_string() },
+                    if c.holds(CertificateBounds::default()) { "certified".into() } else { "NOT HELD".to_string() },
                 ]
             }),
         )
     }
 
     fn remark(&self) -> String {
-        let broken = || self.certificates.iter().filter(|r| !r.certificate.holds(Bounds::default()));
+        let broken = || self.certificates.iter().filter(|r| !r.certificate.holds(CertificateBounds::default()));
         match (broken().next(), broken().find(|r| r.certificate.kinks > 0)) {
             (None, _) => {
                 "  reverse adjoint, forward duals and finite differences agree (relative); order 2 is exact".into()
@@ -189,7 +189,7 @@ impl Derivatives {
                 "value_error": r.certificate.value_error,
                 "kinks": r.certificate.kinks,
                 "beside_kink": self.beside_kink,
-                "holds": r.certificate.holds(Bounds::default()),
+                "holds": r.certificate.holds(CertificateBounds::default()),
             })
         };
         self.certificates.iter().map(row).collect()

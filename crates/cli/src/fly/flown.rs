@@ -12,9 +12,9 @@ use crate::prelude::*;
 use crate::sheet::{KeyFigures, key_facts, vector};
 use omnidrones::controllers::linear::{StepFigures, step_figures};
 use omnidrones::controllers::reference::Hover;
-use omnidrones::controllers::{Flight, FlightPlan, Judgement, Note, Reference, RotorFailure};
+use omnidrones::controllers::{Flight, FlightCheck, FlightPlan, Note, Reference, RotorFailure};
 use omnidrones::dynamics::aero::wind::Wind;
-use omnidrones::dynamics::sensors::{Layout, SensorConfig};
+use omnidrones::dynamics::sensors::{ReadingLayout, SensorConfig};
 use omnidrones::dynamics::tree::{Motion, Multibody};
 use omnidrones::dynamics::{Plant, Quantity};
 use omnidrones::flight::{Commanded, FlightSummary, Scans};
@@ -99,9 +99,9 @@ fn sensor_file(name: &str) -> String {
 fn write_scans(npz: &mut Npz<'_>, scans: &Scans) -> Result<()> {
     let (n, name) = (scans.len(), sensor_file(&scans.sensor));
     let shape = match scans.layout {
-        Layout::Image { height, width, channels } => vec![n, height, width, channels],
-        Layout::Lidar { rows, columns } => vec![n, rows, columns],
-        Layout::Vector => vec![n, scans.channels.len()],
+        ReadingLayout::Image { height, width, channels } => vec![n, height, width, channels],
+        ReadingLayout::Lidar { rows, columns } => vec![n, rows, columns],
+        ReadingLayout::Vector => vec![n, scans.channels.len()],
     };
     npz.numbers(&format!("{name}_time"), &[n], &scans.time)?;
     npz.numbers(&name, &shape, &scans.readings)
@@ -196,7 +196,7 @@ pub(super) struct Flown {
     pub beside: Option<Comparison>,
     pub joints: Vec<JointHistory>,
     /// How it was over the ground, and what befell it.
-    pub judgement: Judgement,
+    pub judgement: FlightCheck,
     /// Where something stands around it.
     pub approach: Option<Approach>,
     /// Whether a policy flew.
@@ -413,7 +413,7 @@ impl Flown {
         let body = sensor.on.as_deref().map_or_else(String::new, |on| format!(" on {on}"));
         let n = sensor.model.channels().len();
         let columns = match sensor.model.layout() {
-            Layout::Vector => format!("{} of the log", counted(n, "column")),
+            ReadingLayout::Vector => format!("{} of the log", counted(n, "column")),
             _ => format!("{n} numbers a reading"),
         };
         let dt = self.plan.physics.dt;

@@ -11,7 +11,7 @@ use crate::train_plot::{self, Curves};
 use omnidrones::rl::TrainConfig;
 use omnidrones::rl::checkpoint::Manifest;
 use omnidrones::rl::log::{self, Line};
-use omnidrones::tasks::registry::{self, Entry};
+use omnidrones::tasks::registry::{self, TaskEntry};
 use omnidrones::tasks::{Evaluation, Metric, Spec};
 use omnidrones_viewer::Recording;
 use std::collections::{BTreeMap, BTreeSet};
@@ -22,7 +22,7 @@ pub const BESIDE: usize = 4;
 /// A run whose policy has flown.
 pub struct Told {
     folder: PathBuf,
-    entry: &'static Entry,
+    entry: &'static TaskEntry,
     name: String,
     manifest: Manifest,
     config: TrainConfig,

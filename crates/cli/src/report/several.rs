@@ -127,8 +127,9 @@ fn named(configs: &[TrainConfig]) -> Result<Vec<String>> {
 }
 
 fn all(page: &mut Page, folder: &Path, telling: &Telling) -> Result<()> {
-    let fly =
-        |entry: &'static registry::Entry| telling.baseline(entry, &TrainConfig::for_task(entry.name, None, None).ok()?);
+    let fly = |entry: &'static registry::TaskEntry| {
+        telling.baseline(entry, &TrainConfig::for_task(entry.name, None, None).ok()?)
+    };
     let (lines, unread) = train_all::read(folder, &fly);
     for why in &unread {
         eprintln!("warning: {}", shown(why));

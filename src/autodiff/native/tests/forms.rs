@@ -25,9 +25,9 @@ fn stride(shape: Shape) -> usize {
     }
 }
 
-fn layout() -> Layout {
+fn layout() -> RowLayout {
     let at = |array, row| Place { array, row };
-    Layout::new((0..6).map(|k| at(k, 5)).collect(), vec![at(1, 1000)]).unwrap()
+    RowLayout::new((0..6).map(|k| at(k, 5)).collect(), vec![at(1, 1000)]).unwrap()
 }
 
 /// Memory near and far.

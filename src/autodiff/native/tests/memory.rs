@@ -12,7 +12,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 fn small(seed: u32) -> Program {
     let (a, b) = (Value(0), Value(1));
     let constant = f64::from(seed).to_bits();
-    let step = |first, op, operands| Instruction { action: Action::Op(op, operands), first };
+    let step = |first, op, operands| Instruction { action: InstructionKind::Op(op, operands), first };
     let instructions = vec![step(Value(2), Op::MulAdd, [a, a, b, a]), step(Value(3), Op::Exp, [Value(2), a, a, a])];
     let results = vec![Value(2), Value(3)];
     let (constants, calls, tape) = (vec![constant], vec![], Tape::None);
@@ -21,7 +21,7 @@ fn small(seed: u32) -> Program {
 }
 
 fn executable(seed: u32) -> Executable<f64> {
-    Executable::new(&small(seed), Layout::apart(1, 2)).unwrap()
+    Executable::new(&small(seed), RowLayout::apart(1, 2)).unwrap()
 }
 
 fn run(executable: &Executable<f64>, x: f64) -> [f64; 2] {
@@ -175,7 +175,7 @@ fn modes_of_a_host_change_no_bit_and_stay_the_hosts() {
         return;
     }
     let program = small(0);
-    let made = Executable::<f64>::new(&program, Layout::apart(1, 2)).unwrap();
+    let made = Executable::<f64>::new(&program, RowLayout::apart(1, 2)).unwrap();
     let x = 1.5e-160;
     let want = run(&made, x);
     assert!(want[0] > 0.0 && want[0] < f64::MIN_POSITIVE, "the square is subnormal: {}", want[0]);
@@ -212,10 +212,10 @@ fn a_panic_of_a_custom_function_goes_on_behind_the_code() {
         fn reverse(&self, _: &[f64], _: &[f64], _: &mut [f64]) {}
     }
     let calls = vec![CallOf { callee: Callee::Custom(Operation::new(Fails)), operands: vec![Value(0)] }];
-    let instructions = vec![Instruction { action: Action::Call(0), first: Value(1) }];
+    let instructions = vec![Instruction { action: InstructionKind::Call(0), first: Value(1) }];
     let (constants, results, tape) = (vec![], vec![Value(1)], Tape::None);
     let form = ValueForm { n_input: 1, constants, instructions, calls, results, n_value: 2, tape };
-    let made = Executable::<f64>::new(&Program::of_form(form, false), Layout::apart(1, 1)).unwrap();
+    let made = Executable::<f64>::new(&Program::of_form(form, false), RowLayout::apart(1, 1)).unwrap();
     let run = |x: f64| {
         let mut y = [0.0];
         made.run(&mut made.work(), &mut [Rows::Read(&[x]), Rows::Write(&mut y)], 1).unwrap();
@@ -229,7 +229,7 @@ fn a_panic_of_a_custom_function_goes_on_behind_the_code() {
 
 #[test]
 fn numbers_of_code_are_rounded_to_nearest_whatever_the_modes_it_was_made_in() {
-    let step = |first, op, operands| Instruction { action: Action::Op(op, operands), first };
+    let step = |first, op, operands| Instruction { action: InstructionKind::Op(op, operands), first };
     let (x, tenth) = (Value(0), Value(1));
     let instructions = vec![step(Value(2), Op::Mul, [x, tenth, x, x])];
     let form = ValueForm {
@@ -245,7 +245,7 @@ fn numbers_of_code_are_rounded_to_nearest_whatever_the_modes_it_was_made_in() {
     let mut made = None;
     // upwards; 0.1 in f32 is above 0.1 to the nearest, so that downwards differs
     with_modes(0x3F80, || {
-        let code = Executable::<[f32; BLOCK]>::new(&program, Layout::apart(1, 1)).unwrap();
+        let code = Executable::<[f32; BLOCK]>::new(&program, RowLayout::apart(1, 1)).unwrap();
         made = Some((code, program.interpreter_block_workspace()));
     });
     let (code, mut workspace) = made.unwrap();
@@ -314,16 +314,16 @@ fn arrays_that_are_not_what_the_layout_says_are_refused_before_any_code_runs() {
     }
     assert!(y.iter().all(|y| y.is_nan()), "nothing was written");
     let same = Place { array: 0, row: 1 };
-    assert!(Layout::new(vec![], vec![same, same]).unwrap_err().to_string().contains("another result's"));
+    assert!(RowLayout::new(vec![], vec![same, same]).unwrap_err().to_string().contains("another result's"));
     assert!(
-        Layout::new(vec![Place { array: 6, row: 0 }], vec![]).unwrap_err().to_string().contains("number of arrays")
+        RowLayout::new(vec![Place { array: 6, row: 0 }], vec![]).unwrap_err().to_string().contains("number of arrays")
     );
     for row in [1 << 22, u32::MAX] {
         assert!(
-            Layout::new(vec![Place { array: 0, row }], vec![]).unwrap_err().to_string().contains("row of a layout")
+            RowLayout::new(vec![Place { array: 0, row }], vec![]).unwrap_err().to_string().contains("row of a layout")
         );
     }
-    let wrong = Executable::<f64>::new(&small(3), Layout::apart(2, 2)).unwrap_err().to_string();
+    let wrong = Executable::<f64>::new(&small(3), RowLayout::apart(2, 2)).unwrap_err().to_string();
     assert!(wrong.contains("2 arguments and 2 results"), "{wrong}");
 }
 

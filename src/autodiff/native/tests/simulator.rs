@@ -248,7 +248,7 @@ impl Processor<'_> {
 }
 
 /// What allocated code makes of arrays.
-fn simulate(form: &ValueForm, element: Element, layout: &Layout, target: Target, arrays: &mut Vec<Vec<Register>>) {
+fn simulate(form: &ValueForm, element: Element, layout: &RowLayout, target: Target, arrays: &mut Vec<Vec<Register>>) {
     let mut lowered = lower(form, element).unwrap();
     let parts = allocate(&mut lowered, layout, target);
     let callee = |site: &CallSite| (site.callee.clone(), site.operands.len());

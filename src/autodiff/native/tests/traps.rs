@@ -8,7 +8,7 @@ use crate::scalar::Scalar;
 use crate::trace::{Recording, Trace};
 
 fn step(first: u32, op: Op, operands: [u32; 4]) -> Instruction {
-    Instruction { action: Action::Op(op, operands.map(Value)), first: Value(first) }
+    Instruction { action: InstructionKind::Op(op, operands.map(Value)), first: Value(first) }
 }
 
 fn form(n_input: usize, constants: &[f64], instructions: Vec<Instruction>, results: &[u32]) -> ValueForm {
@@ -28,7 +28,7 @@ fn form(n_input: usize, constants: &[f64], instructions: Vec<Instruction>, resul
 /// Results of one program in `f64` whose only array is `state`.
 fn in_place(form: ValueForm, arguments: &[u32], results: &[u32], state: &mut [f64]) {
     let places = |rows: &[u32]| rows.iter().map(|row| Place { array: 0, row: *row }).collect();
-    let layout = Layout::new(places(arguments), places(results)).unwrap();
+    let layout = RowLayout::new(places(arguments), places(results)).unwrap();
     let program = Program::of_form(form, false);
     let made = Executable::<f64>::new(&program, layout).unwrap();
     made.run(&mut made.work(), &mut [Rows::Write(state)], 1).unwrap();
@@ -64,7 +64,7 @@ fn minima_and_maxima_found_in_selections_keep_what_a_nan_and_a_tie_give() {
     let kinds: Vec<Do> = lower(&made, Element::F64).unwrap()[0].steps.iter().map(|step| step.what).collect();
     assert!(kinds.starts_with(&[Do::Min, Do::Max]), "{kinds:?}");
     let program = Program::of_form(made, false);
-    let executable = Executable::<f64>::new(&program, Layout::apart(2, 4)).unwrap();
+    let executable = Executable::<f64>::new(&program, RowLayout::apart(2, 4)).unwrap();
     for (a, b) in [(f64::NAN, 1.0), (1.0, f64::NAN), (0.0, -0.0), (-0.0, 0.0), (2.0, 1.0), (1.0, 2.0)] {
         let mut got = [0.0; 4];
         executable.run(&mut executable.work(), &mut [Rows::Read(&[a, b]), Rows::Write(&mut got)], 1).unwrap();
@@ -81,7 +81,7 @@ fn a_comparison_is_made_once_for_all_its_selections_until_a_call() {
         let mut form = form(4, &[], instructions, &results);
         form.n_value += 8;
         let mut lowered = lower(&form, Element::F64).unwrap();
-        let allocated = allocate(&mut lowered, &Layout::apart(4, 2), target);
+        let allocated = allocate(&mut lowered, &RowLayout::apart(4, 2), target);
         allocated[0].instructions.iter().filter(|i| matches!(i, Placed::Compare { .. })).count()
     };
     let first = step(4, Op::SelectLess, [0, 1, 2, 3]);
@@ -113,7 +113,7 @@ fn what_is_too_large_for_code_is_interpreted() {
     let n = MAX_STEPS as u32;
     let chain = (0..n).map(|k| step(k + 1, Op::Neg, [k, 0, 0, 0])).collect();
     let program = Program::of_form(form(1, &[], chain, &[n]), false);
-    let made = Executable::<f64>::new(&program, Layout::apart(1, 1)).unwrap();
+    let made = Executable::<f64>::new(&program, RowLayout::apart(1, 1)).unwrap();
     assert!(!is_made() || made.why_interpreted() == Some(WhyInterpreted::TooLarge));
     let mut y = [0.0];
     made.run(&mut made.work(), &mut [Rows::Read(&[1.5]), Rows::Write(&mut y)], 1).unwrap();
@@ -139,7 +139,7 @@ fn more_values_alive_than_a_u16_names_are_programs_too() {
 fn parts(form: &ValueForm) -> Vec<Allocated> {
     let target = Target { n_register: 16, has_masks: false, is_single: false };
     let mut lowered = lower(form, Element::F32).unwrap();
-    allocate(&mut lowered, &Layout::apart(form.n_input(), form.results().len()), target)
+    allocate(&mut lowered, &RowLayout::apart(form.n_input(), form.results().len()), target)
 }
 
 #[test]

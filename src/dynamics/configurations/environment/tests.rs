@@ -1,13 +1,13 @@
 use super::*;
 use crate::assembly::{Assembly, Solid};
-use crate::relief::{Relief, Wave};
+use crate::relief::{GroundWave, UnevenGround};
 use crate::scene::{Forest, Rubble, Terrain};
 use crate::shape::Geometry;
 use crate::spatial::from_euler;
 use crate::tree::free_motion::{energy, run};
 use crate::tree::{Multibody, check_contact, check_start, contact_forces, model_parameters, separations};
 use crate::{Effects, Integrator, Multirotor, Physics, World, vehicles};
-use autodiff::certificate::Bounds;
+use autodiff::certificate::CertificateBounds;
 use autodiff::{System, certify};
 use rng::{Purpose, Stream};
 
@@ -20,7 +20,7 @@ fn scene() -> Scene {
     };
     let post = Shape::new(Geometry::Capsule { radius: 0.1, length: 2.0 }).at([6.0, 0.3, 1.0]);
     Scene {
-        gates: vec![gate("fixed", 2.0, None), gate("sliding", 4.0, Some(scene::Slide::default()))],
+        gates: vec![gate("fixed", 2.0, None), gate("sliding", 4.0, Some(scene::GateSlide::default()))],
         obstacles: vec![scene::Obstacle { name: "post".into(), shape: post }],
         ..Scene::grounded()
     }
@@ -81,7 +81,7 @@ const RK4: Integrator = Integrator::RungeKutta4;
 const SEMI: Integrator = Integrator::SemiImplicit;
 
 fn inclined(degrees: f64) -> Scene {
-    Scene { relief: Some(Relief::inclined(degrees.to_radians())), ..Scene::grounded() }
+    Scene { relief: Some(UnevenGround::inclined(degrees.to_radians())), ..Scene::grounded() }
 }
 
 /// A vehicle whose friction sticks in a scene, rotors all but still.
@@ -351,7 +351,7 @@ fn the_gradient_certificate_holds_at_rest_on_a_slope_and_on_blocks_and_while_sli
                     certificate.adjoint_error, certificate.difference_error, certificate.taylor_order
                 );
                 assert!(
-                    certificate.holds(Bounds::default()),
+                    certificate.holds(CertificateBounds::default()),
                     "{name} on {what}, {integrator:?}, {push}: {certificate:?}"
                 );
             }
@@ -480,8 +480,8 @@ fn a_placement_of_the_scene_is_numbers_of_the_model() {
 #[test]
 fn waves_push_along_their_normal_and_store_what_they_give_back() {
     // a ball without friction and dissipation over hills keeps its energy
-    let wave = |amplitude, number| Wave { amplitude, number, phase: 0.3 };
-    let relief = Relief { slope: [0.05, 0.0], waves: vec![wave(0.1, [1.5, 0.4]), wave(0.04, [-1.0, 2.5])] };
+    let wave = |amplitude, number| GroundWave { amplitude, number, phase: 0.3 };
+    let relief = UnevenGround { slope: [0.05, 0.0], waves: vec![wave(0.1, [1.5, 0.4]), wave(0.04, [-1.0, 2.5])] };
     let scene = Scene { relief: Some(relief), ..Scene::grounded() };
     let ball = Assembly::new("ball").part("ball", Solid::sphere(0.1).mass(0.3)).model().unwrap();
     let mut parts = environment("range", &[Member::new("a", ball, [0.0; 3])], &scene).unwrap().parts().clone();

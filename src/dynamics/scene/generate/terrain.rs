@@ -1,7 +1,7 @@
 //! Smooth hills and hollows.
 
 use super::draw::{range, stream};
-use crate::relief::{Relief, Wave};
+use crate::relief::{GroundWave, UnevenGround};
 use crate::scene::Scene;
 use crate::shape::within;
 use base::error::{Error, Result};
@@ -43,10 +43,10 @@ impl Terrain {
         let wave = |_| {
             let number = TAU / stream.uniform(self.length[0], self.length[1]);
             let (s, c) = stream.uniform(0.0, TAU).sin_cos();
-            Wave { amplitude: share / number, number: [number * c, number * s], phase: stream.uniform(0.0, TAU) }
+            GroundWave { amplitude: share / number, number: [number * c, number * s], phase: stream.uniform(0.0, TAU) }
         };
         let slope = [self.incline.to_radians().tan(), 0.0];
-        let relief = Relief { slope, waves: (0..self.waves).map(wave).collect() };
+        let relief = UnevenGround { slope, waves: (0..self.waves).map(wave).collect() };
         let ground = -relief.rise(0.0, 0.0).0;
         let scene = Scene { ground: Some(ground), relief: Some(relief), ..Scene::default() };
         scene.validate()?;

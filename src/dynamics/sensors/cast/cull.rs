@@ -5,7 +5,7 @@
 
 use super::Eye;
 use super::pieces::{Grid, PieceBlock, capsule, cuboid, load, seen, turned};
-use super::world::{self, BoxBlock, CapsuleBlock, LANES, Row, World};
+use super::world::{self, BoxBlock, CapsuleBlock, LANES, RayScene, Row};
 use crate::spatial::Vec3;
 use autodiff::lanes::Lanes;
 
@@ -41,7 +41,7 @@ pub(super) trait View {
 impl Kept {
     /// Finds what `view` sees of `world` from `eye`; with `ALL` all that there is, in the same order.
     #[inline(always)]
-    pub(super) fn look<L: Lanes, V: View, const ALL: bool>(&mut self, world: &World, eye: &Eye, view: &V) {
+    pub(super) fn look<L: Lanes, V: View, const ALL: bool>(&mut self, world: &RayScene, eye: &Eye, view: &V) {
         self.make_room(world);
         for i in 0..world.capsules.blocks.len() {
             let block = &world.capsules.blocks[i];
@@ -83,7 +83,7 @@ impl Kept {
     }
 
     /// For all solids of a world at once, so that what is seen of it later allocates nothing.
-    fn make_room(&mut self, world: &World) {
+    fn make_room(&mut self, world: &RayScene) {
         let (capsules, boxes) = (&world.capsules.blocks, &world.boxes.blocks);
         grow(&mut self.keys, capsules, &ZERO);
         grow(&mut self.keys, boxes, &ZERO);
@@ -121,7 +121,7 @@ impl Kept {
 
     /// Moves the capsules with a finite key together.
     #[inline(always)]
-    fn gather_capsules(&mut self, world: &World) {
+    fn gather_capsules(&mut self, world: &RayScene) {
         let n = places(&self.keys[..world.capsules.blocks.len()], &mut self.places);
         for i in 0..n {
             let (place, key) = self.places[i];
@@ -134,7 +134,7 @@ impl Kept {
 
     /// Likewise the boxes.
     #[inline(always)]
-    fn gather_boxes(&mut self, world: &World) {
+    fn gather_boxes(&mut self, world: &RayScene) {
         let n = places(&self.keys[..world.boxes.blocks.len()], &mut self.places);
         for i in 0..n {
             let (place, key) = self.places[i];

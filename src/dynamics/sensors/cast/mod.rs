@@ -26,7 +26,7 @@
 //! is left out because it cannot be seen is left out by bounds that are wider than all roundings: an image is that of all
 //! solids at all pixels, bit for bit.
 //!
-//! Uneven ground is a plane where it only slopes, and a bounded march where it has waves ([`Relief`](crate::Relief));
+//! Uneven ground is a plane where it only slopes, and a bounded march where it has waves ([`UnevenGround`](crate::UnevenGround));
 //! of triangle meshes ([`Mesh`](crate::Mesh)) every ray that reaches their ball goes down a tree of boxes, in `f64`.
 //!
 //! Numbers are `f32` about the eye: 10⁻³ (1 + t) m of the exact range holds for scenes within some hundred metres of the
@@ -54,9 +54,9 @@ mod uneven_tests;
 pub mod world;
 
 pub use packets::Rays;
-pub use tiles::Camera;
+pub use tiles::PinholeCamera;
 pub(crate) use world::MAX_TRIANGLES;
-pub use world::{GROUND, NOTHING, Owner, World};
+pub use world::{GROUND, NOTHING, RayScene, RayTarget};
 
 use crate::shape::{MAX_SIZE, Pose};
 use crate::spatial::{Vec3, matrix, unit};
@@ -66,14 +66,14 @@ use world::LANES;
 
 /// Between which distances a sensor gives a reading, m.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Range {
+pub struct RangeLimits {
     /// What is nearer gives none, and hides what is behind it.
     pub least: f64,
     /// What is farther gives none.
     pub most: f64,
 }
 
-impl Range {
+impl RangeLimits {
     /// Checks that 0 ≤ least < most ≤ 10⁴ m.
     ///
     /// # Errors
@@ -96,16 +96,16 @@ impl Range {
 ///
 /// ```
 /// # use omnidrones_dynamics::omnidrones;
-/// use omnidrones::dynamics::sensors::cast::{Camera, Caster, GROUND, NOTHING, Range, Rays, World};
+/// use omnidrones::dynamics::sensors::cast::{PinholeCamera, RayCaster, GROUND, NOTHING, RangeLimits, Rays, RayScene};
 /// use omnidrones::dynamics::scene::Scene;
 /// use omnidrones::dynamics::shape::Pose;
 ///
-/// let mut world = World::default();
+/// let mut world = RayScene::default();
 /// world.fill(&Scene::grounded(), &[])?;
 /// let ball = world.push_capsule([[3.0, 0.0, 1.0]; 2], 0.5, 0)?;
 /// let eye = Pose { position: [0.0, 0.0, 1.0], attitude: [1.0, 0.0, 0.0, 0.0] };
-/// let range = Range { least: 0.1, most: 10.0 };
-/// let mut caster = Caster::new();
+/// let range = RangeLimits { least: 0.1, most: 10.0 };
+/// let mut caster = RayCaster::new();
 ///
 /// // straight ahead, straight down, straight up
 /// let rays = Rays::new(&[[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 0.0, 1.0]], range)?;
@@ -113,14 +113,14 @@ impl Range {
 /// caster.rays(&world, &rays, &eye, &mut ranges, &mut ids);
 /// assert_eq!((ranges, ids), ([2.5, 1.0, 10.0], [ball, GROUND, NOTHING]));
 ///
-/// let camera = Camera::new(64, 48, 1.5, range)?;
+/// let camera = PinholeCamera::new(64, 48, 1.5, range)?;
 /// let (mut depth, mut ids) = (vec![0.0; 64 * 48], vec![0; 64 * 48]);
 /// caster.image(&world, &camera, &eye, &mut depth, &mut ids);
 /// assert_eq!((ids[0], ids[24 * 64 + 32], ids[47 * 64]), (NOTHING, ball, GROUND));
 /// # Ok::<(), omnidrones::error::Error>(())
 /// ```
 #[derive(Debug, Clone, Default)]
-pub struct Caster {
+pub struct RayCaster {
     kept: cull::Kept,
     tiles: Vec<Tile>,
     /// Of every tile, the farthest of its depths.
@@ -137,7 +137,7 @@ struct Tile {
     id: [f32; LANES],
 }
 
-impl Caster {
+impl RayCaster {
     /// Without memory yet.
     pub fn new() -> Self {
         Self::default()

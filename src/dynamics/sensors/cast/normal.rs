@@ -12,7 +12,7 @@
 //! on its slope: |n·d| is held at [`GRAZING`] of ‖d‖ or above. Misses have slope 0. At silhouettes the range jumps, which no slope
 //! tells: the gradient of an image in the pose is biased by what its edges sweep.
 
-use super::world::{LANES, Solid, World, solid};
+use super::world::{LANES, RayScene, Solid, solid};
 use crate::shape::Pose;
 use crate::spatial::{Vec3, axpy, cross, dot, rotate, rotate_back, scale, sub};
 
@@ -21,14 +21,14 @@ pub const GRAZING: f64 = 0.1;
 
 /// How a range changes with the pose of the body that carries the sensor.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Slope {
+pub struct RangeJacobian {
     /// ∂t/∂p: per metre of the body's origin, world.
     pub position: [f64; 3],
     /// ∂t/∂θ: per radian of the body's turn about its own axes, m.
     pub attitude: [f64; 3],
 }
 
-impl World {
+impl RayScene {
     /// Outward unit normal (world) of the solid `id` at `point` (world, m) on its surface; `None` for a miss and for ids that
     /// this world has not.
     pub fn normal(&self, id: u32, point: Vec3<f64>) -> Option<Vec3<f64>> {
@@ -75,23 +75,23 @@ impl World {
     /// Slope of the number `t` of the ray along `direction` (sensor's frame) of a sensor at `mount` in a body at `body`, which
     /// hit the solid `id`. t counts in lengths of `direction`: planar depth where that is a camera's, distance where it is a unit
     /// vector.
-    pub fn slope(&self, id: u32, t: f64, direction: Vec3<f64>, mount: &Pose<f64>, body: &Pose<f64>) -> Slope {
+    pub fn slope(&self, id: u32, t: f64, direction: Vec3<f64>, mount: &Pose<f64>, body: &Pose<f64>) -> RangeJacobian {
         let point = body.point(axpy(mount.position, t, rotate(mount.attitude, direction)));
         match self.normal(id, point).filter(|_| point.iter().all(|x| x.is_finite())) {
             Some(normal) => on_surface(normal, t, direction, mount, body),
-            None => Slope::default(),
+            None => RangeJacobian::default(),
         }
     }
 }
 
-/// As [`World::slope`], on a surface with this outward unit normal (world).
+/// As [`RayScene::slope`], on a surface with this outward unit normal (world).
 pub(crate) fn on_surface(
     normal: Vec3<f64>,
     t: f64,
     direction: Vec3<f64>,
     mount: &Pose<f64>,
     body: &Pose<f64>,
-) -> Slope {
+) -> RangeJacobian {
     let along = rotate(mount.attitude, direction);
     let d = rotate(body.attitude, along);
     let lever = axpy(mount.position, t, along);
@@ -99,7 +99,7 @@ pub(crate) fn on_surface(
     // a surface that was entered faces the ray: n·d < 0
     let factor = -1.0 / dot(normal, d).min(bound);
     let turn = cross(lever, rotate_back(body.attitude, normal));
-    Slope { position: scale(factor, normal), attitude: scale(factor, turn) }
+    RangeJacobian { position: scale(factor, normal), attitude: scale(factor, turn) }
 }
 
 fn vector(rows: &[[f32; LANES]; 3], lane: usize) -> Vec3<f64> {

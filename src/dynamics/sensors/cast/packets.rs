@@ -7,8 +7,8 @@ use super::cull::View;
 use super::hit::{N_NUMBER, Piece};
 use super::pattern::{OnePiece, Pattern, largest, nearer};
 use super::pieces::{Grid, widened};
-use super::world::{self, GROUND, LANES, NOTHING, Row, World};
-use super::{Caster, Range, Tile, dot, fused, splat};
+use super::world::{self, GROUND, LANES, NOTHING, RayScene, Row};
+use super::{RangeLimits, RayCaster, Tile, dot, fused, splat};
 use crate::shape::Pose;
 use crate::spatial::Vec3;
 use autodiff::Mask;
@@ -23,7 +23,7 @@ pub const MAX_RAYS: usize = 1 << 20;
 #[derive(Debug, Clone)]
 pub struct Rays {
     n: usize,
-    range: Range,
+    range: RangeLimits,
     directions: Vec<[Row; 3]>,
     cones: Vec<Cones>,
 }
@@ -41,9 +41,9 @@ impl Rays {
     /// Rays along `directions`, of any length > 0.
     ///
     /// # Errors
-    /// No direction or more than [`MAX_RAYS`]; one that is not finite or has no length; a range as [`Range::validate`]
+    /// No direction or more than [`MAX_RAYS`]; one that is not finite or has no length; a range as [`RangeLimits::validate`]
     /// refuses.
-    pub fn new(directions: &[Vec3<f64>], range: Range) -> Result<Self> {
+    pub fn new(directions: &[Vec3<f64>], range: RangeLimits) -> Result<Self> {
         range.validate("rays")?;
         let mut rays = Self { n: 0, range, directions: Vec::new(), cones: Vec::new() };
         rays.aim(directions)?;
@@ -55,7 +55,7 @@ impl Rays {
     ///
     /// # Errors
     /// As [`new`](Self::new).
-    pub fn lidar(n: usize, elevations: &[f64], range: Range) -> Result<Self> {
+    pub fn lidar(n: usize, elevations: &[f64], range: RangeLimits) -> Result<Self> {
         let count = n.saturating_mul(elevations.len());
         check(count)?;
         let direction = |i: usize| {
@@ -120,7 +120,7 @@ impl Rays {
     }
 
     /// Of its readings, along the rays.
-    pub fn range(&self) -> Range {
+    pub fn range(&self) -> RangeLimits {
         self.range
     }
 
@@ -171,13 +171,13 @@ impl View for Rays {
     }
 }
 
-impl Caster {
+impl RayCaster {
     /// Ranges (m) and ids of all rays in their order, as the sensor at `pose` (its frame → world) finds them in `world`. From
     /// a pose that is not finite, all are misses.
     ///
     /// # Panics
     /// On slices of another length than there are rays.
-    pub fn rays(&mut self, world: &World, rays: &Rays, pose: &Pose<f64>, ranges: &mut [f32], ids: &mut [u32]) {
+    pub fn rays(&mut self, world: &RayScene, rays: &Rays, pose: &Pose<f64>, ranges: &mut [f32], ids: &mut [u32]) {
         self.cast::<Rays, false>(world, rays, pose, ranges, ids);
     }
 
@@ -185,7 +185,7 @@ impl Caster {
     #[cfg(test)]
     pub(crate) fn rays_of_all(
         &mut self,
-        world: &World,
+        world: &RayScene,
         rays: &Rays,
         pose: &Pose<f64>,
         ranges: &mut [f32],
@@ -207,7 +207,7 @@ impl Pattern for Rays {
     }
 
     #[inline(always)]
-    fn range(&self) -> Range {
+    fn range(&self) -> RangeLimits {
         self.range
     }
 

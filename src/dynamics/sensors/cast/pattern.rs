@@ -3,8 +3,8 @@
 use super::cull::{BOX, View};
 use super::hit::{Ball, Cuboid, N_NUMBER, Piece, Side};
 use super::pieces::PieceBlock;
-use super::world::{self, LANES, NOTHING, World};
-use super::{Caster, Eye, Range, Tile, meshes, splat, uneven};
+use super::world::{self, LANES, NOTHING, RayScene};
+use super::{Eye, RangeLimits, RayCaster, Tile, meshes, splat, uneven};
 use crate::shape::Pose;
 use crate::spatial::Vec3;
 use autodiff::Mask;
@@ -18,7 +18,7 @@ pub(super) trait Pattern: View {
     /// How many tiles.
     fn n_tile(&self) -> usize;
     /// Of the readings.
-    fn range(&self) -> Range;
+    fn range(&self) -> RangeLimits;
     /// The plane below the eye: t = −h/d_z where that is ahead and in range.
     fn ground<L: Lanes>(&self, height: f32, up: [f32; 3], tiles: &mut [Tile]);
     /// Directions of rays `at` and behind of a tile, in the frame of the eye.
@@ -59,11 +59,11 @@ impl<'a, L: Lanes> OnePiece<'a, L> {
     }
 }
 
-impl Caster {
+impl RayCaster {
     /// Readings of a pattern from `pose`; with `ALL` by trying all solids on all rays.
     pub(super) fn cast<V: Pattern, const ALL: bool>(
         &mut self,
-        world: &World,
+        world: &RayScene,
         pattern: &V,
         pose: &Pose<f64>,
         ranges: &mut [f32],
@@ -82,8 +82,8 @@ impl Caster {
 }
 
 struct Cast<'a, V, const ALL: bool> {
-    caster: &'a mut Caster,
-    world: &'a World,
+    caster: &'a mut RayCaster,
+    world: &'a RayScene,
     pattern: &'a V,
     eye: &'a Eye,
     ranges: &'a mut [f32],
@@ -97,7 +97,7 @@ impl<V: Pattern, const ALL: bool> Kernel for Cast<'_, V, ALL> {
         let Self { caster, world, pattern, eye, ranges, ids } = self;
         let (n, range) = (pattern.n_tile(), pattern.range());
         caster.prepare(n, range.most as f32);
-        let Caster { kept, tiles, far, hills } = caster;
+        let RayCaster { kept, tiles, far, hills } = caster;
         let tiles = &mut tiles[..n];
         if world.relief.waves.is_empty() {
             match eye.above(world.ground, world.relief.slope) {
@@ -181,7 +181,7 @@ pub(super) fn largest<L: Lanes>(x: L) -> f32 {
 
 /// Makes misses of what is too near.
 #[inline(always)]
-pub(super) fn drop_near<L: Lanes>(range: Range, tiles: &mut [Tile]) {
+pub(super) fn drop_near<L: Lanes>(range: RangeLimits, tiles: &mut [Tile]) {
     let (least, most) = (splat::<L>(range.least as f32), splat::<L>(range.most as f32));
     for i in 0..tiles.len() {
         let mut at = 0;

@@ -1,11 +1,11 @@
 //! One ray after the other, against one solid after the other, in `f64` and by other equations: what lanes are compared with.
 
-use super::world::{self, GROUND, LANES, NOTHING, World};
+use super::world::{self, GROUND, LANES, NOTHING, RayScene};
 use crate::shape::Pose;
 use crate::spatial::{Vec3, axpy, dot, rotate, sub, unit};
 
 /// The nearest entry of a ray o + t d, t > 0: (t, id); (∞, [`NOTHING`]) for none. `d` may have any length.
-pub(super) fn nearest(world: &World, o: Vec3<f64>, d: Vec3<f64>) -> (f64, u32) {
+pub(super) fn nearest(world: &RayScene, o: Vec3<f64>, d: Vec3<f64>) -> (f64, u32) {
     let mut best = (f64::INFINITY, NOTHING);
     let mut try_one = |t: Option<f64>, id: u32| {
         if let Some(t) = t.filter(|t| *t > 0.0 && *t < best.0) {
@@ -27,11 +27,11 @@ pub(super) fn nearest(world: &World, o: Vec3<f64>, d: Vec3<f64>) -> (f64, u32) {
 }
 
 /// The ray of a sensor at `pose` along `direction` of its frame.
-pub(super) fn from_pose(world: &World, pose: &Pose<f64>, direction: Vec3<f64>) -> (f64, u32) {
+pub(super) fn from_pose(world: &RayScene, pose: &Pose<f64>, direction: Vec3<f64>) -> (f64, u32) {
     nearest(world, pose.position, rotate(unit(pose.attitude), direction))
 }
 
-fn capsule(world: &World, i: usize) -> (Vec3<f64>, Vec3<f64>, f64, f64) {
+fn capsule(world: &RayScene, i: usize) -> (Vec3<f64>, Vec3<f64>, f64, f64) {
     let (block, lane) = (&world.capsules.blocks[i / LANES], i % LANES);
     let vector = |rows: &[[f32; LANES]; 3]| [0, 1, 2].map(|k| f64::from(rows[k][lane]));
     // the axis to full length: in f32 its length is off by 1e-8
@@ -40,7 +40,7 @@ fn capsule(world: &World, i: usize) -> (Vec3<f64>, Vec3<f64>, f64, f64) {
     (vector(&block.base), axis.map(|x| x / norm), f64::from(block.length[lane]), f64::from(block.radius[lane]))
 }
 
-fn cuboid(world: &World, i: usize) -> (Vec3<f64>, [Vec3<f64>; 3], Vec3<f64>) {
+fn cuboid(world: &RayScene, i: usize) -> (Vec3<f64>, [Vec3<f64>; 3], Vec3<f64>) {
     let (block, lane) = (&world.boxes.blocks[i / LANES], i % LANES);
     let vector = |rows: &[[f32; LANES]; 3]| [0, 1, 2].map(|k| f64::from(rows[k][lane]));
     (vector(&block.center), [0, 1, 2].map(|k| vector(&block.axes[k])), vector(&block.half))
@@ -91,7 +91,7 @@ fn into_box(o: Vec3<f64>, d: Vec3<f64>, center: Vec3<f64>, axes: [Vec3<f64>; 3],
 }
 
 /// The least distance of a point to any surface, from outside or inside, m; of boxes inside, that to the nearest face.
-pub(super) fn gap(world: &World, p: Vec3<f64>) -> f64 {
+pub(super) fn gap(world: &RayScene, p: Vec3<f64>) -> f64 {
     let mut least = world.ground.map_or(f64::INFINITY, |height| (p[2] - f64::from(height)).abs());
     for i in 0..world.capsules.len() {
         let (base, axis, length, radius) = capsule(world, i);

@@ -1,9 +1,9 @@
 //! Claims about the caster, each with what was measured.
 
-use super::normal::Slope;
+use super::normal::RangeJacobian;
 use super::reference::{from_pose, gap, nearest};
 use super::*;
-use crate::scene::{Element, Gate, Obstacle, Scene, Slide};
+use crate::scene::{Element, Gate, GateSlide, Obstacle, Scene};
 use crate::shape::{Geometry, Shape};
 use crate::spatial::{add, exponential, from_euler, multiply, rotate, scale};
 use autodiff::lanes::{Set, with_set};
@@ -27,8 +27,8 @@ pub(super) fn decades(r: &mut Stream, low: f64, high: f64) -> f64 {
 }
 
 /// Up to forty capsules and balls, ten boxes, ground two times out of three.
-fn any_world(r: &mut Stream) -> World {
-    let mut world = World::default();
+fn any_world(r: &mut Stream) -> RayScene {
+    let mut world = RayScene::default();
     if r.below(3) > 0 {
         world.fill(&Scene { ground: Some(r.uniform(-1.0, 0.5)), ..Scene::default() }, &[]).unwrap();
     }
@@ -49,7 +49,7 @@ fn any_world(r: &mut Stream) -> World {
 }
 
 /// Anywhere, or on, in and beside a surface.
-fn any_eye(r: &mut Stream, world: &World) -> Pose<f64> {
+fn any_eye(r: &mut Stream, world: &RayScene) -> Pose<f64> {
     let mut position = vector(r, [-6.0, -6.0, -0.5], [6.0, 6.0, 4.0]);
     if r.below(3) == 0 {
         let d = rotate(attitude(r), [1.0, 0.0, 0.0]);
@@ -63,15 +63,15 @@ fn any_eye(r: &mut Stream, world: &World) -> Pose<f64> {
     Pose { position, attitude: if r.below(2) == 0 { level } else { attitude(r) } }
 }
 
-fn any_range(r: &mut Stream) -> Range {
-    Range { least: if r.below(2) == 0 { 0.0 } else { r.uniform(0.0, 0.4) }, most: decades(r, 0.3, 1.7) }
+fn any_range(r: &mut Stream) -> RangeLimits {
+    RangeLimits { least: if r.below(2) == 0 { 0.0 } else { r.uniform(0.0, 0.4) }, most: decades(r, 0.3, 1.7) }
 }
 
-pub(super) fn any_camera(r: &mut Stream, largest: u64) -> Camera {
+pub(super) fn any_camera(r: &mut Stream, largest: u64) -> PinholeCamera {
     let (width, height) = (1 + r.below(largest) as usize, 1 + r.below(largest) as usize);
     let flat = (height as f64 / width as f64).clamp(0.2, 5.0);
-    Camera::new(width, height, 2.0 * (r.uniform(0.1, 3.0) / flat.max(1.0)).atan(), any_range(r))
-        .unwrap_or_else(|_| Camera::new(width.max(4), 4, 1.2, any_range(r)).unwrap())
+    PinholeCamera::new(width, height, 2.0 * (r.uniform(0.1, 3.0) / flat.max(1.0)).atan(), any_range(r))
+        .unwrap_or_else(|_| PinholeCamera::new(width.max(4), 4, 1.2, any_range(r)).unwrap())
 }
 
 /// All around, within a narrow fan, or a lidar.
@@ -97,17 +97,23 @@ pub(super) struct Seen {
     pub ids: Vec<u32>,
 }
 
-pub(super) type Draw = fn(&mut Caster, &World, &Camera, &Pose<f64>, &mut [f32], &mut [u32]);
-pub(super) type Scan = fn(&mut Caster, &World, &Rays, &Pose<f64>, &mut [f32], &mut [u32]);
+pub(super) type Draw = fn(&mut RayCaster, &RayScene, &PinholeCamera, &Pose<f64>, &mut [f32], &mut [u32]);
+pub(super) type Scan = fn(&mut RayCaster, &RayScene, &Rays, &Pose<f64>, &mut [f32], &mut [u32]);
 
-pub(super) fn image(caster: &mut Caster, draw: Draw, world: &World, camera: &Camera, pose: &Pose<f64>) -> Seen {
+pub(super) fn image(
+    caster: &mut RayCaster,
+    draw: Draw,
+    world: &RayScene,
+    camera: &PinholeCamera,
+    pose: &Pose<f64>,
+) -> Seen {
     let n = camera.size()[0] * camera.size()[1];
     let (mut t, mut ids) = (vec![-1.0; n], vec![u32::MAX; n]);
     draw(caster, world, camera, pose, &mut t, &mut ids);
     Seen { t: t.into_iter().map(f32::to_bits).collect(), ids }
 }
 
-pub(super) fn scan(caster: &mut Caster, scan: Scan, world: &World, rays: &Rays, pose: &Pose<f64>) -> Seen {
+pub(super) fn scan(caster: &mut RayCaster, scan: Scan, world: &RayScene, rays: &Rays, pose: &Pose<f64>) -> Seen {
     let (mut t, mut ids) = (vec![-1.0; rays.n_ray()], vec![u32::MAX; rays.n_ray()]);
     scan(caster, world, rays, pose, &mut t, &mut ids);
     Seen { t: t.into_iter().map(f32::to_bits).collect(), ids }
@@ -115,14 +121,14 @@ pub(super) fn scan(caster: &mut Caster, scan: Scan, world: &World, rays: &Rays, 
 
 #[test]
 fn an_image_is_that_of_all_solids_at_all_pixels_bit_for_bit() {
-    let mut caster = Caster::new();
+    let mut caster = RayCaster::new();
     let (mut hits, mut pixels) = (0, 0);
     for which in 0..if cfg!(miri) { 2 } else { 10_000 } {
         let mut r = stream(which);
         let world = any_world(&mut r);
         let (pose, camera) = (any_eye(&mut r, &world), any_camera(&mut r, 40));
-        let want = image(&mut caster, Caster::image_of_all, &world, &camera, &pose);
-        let have = image(&mut caster, Caster::image, &world, &camera, &pose);
+        let want = image(&mut caster, RayCaster::image_of_all, &world, &camera, &pose);
+        let have = image(&mut caster, RayCaster::image, &world, &camera, &pose);
         let wrong = (0..have.ids.len()).filter(|i| have.ids[*i] != want.ids[*i] || have.t[*i] != want.t[*i]);
         let wrong: Vec<_> = wrong.map(|i| (i, have.ids[i], want.ids[i], f32::from_bits(want.t[i]))).collect();
         assert!(wrong.is_empty(), "scene {which}, {:?}: {wrong:?}", camera.size());
@@ -135,14 +141,14 @@ fn an_image_is_that_of_all_solids_at_all_pixels_bit_for_bit() {
 
 #[test]
 fn a_scan_is_that_of_all_solids_on_all_rays_bit_for_bit() {
-    let mut caster = Caster::new();
+    let mut caster = RayCaster::new();
     let (mut hits, mut all) = (0, 0);
     for which in 0..if cfg!(miri) { 2 } else { 10_000 } {
         let mut r = stream(20_000 + which);
         let world = any_world(&mut r);
         let (pose, rays) = (any_eye(&mut r, &world), any_rays(&mut r));
-        let want = scan(&mut caster, Caster::rays_of_all, &world, &rays, &pose);
-        let have = scan(&mut caster, Caster::rays, &world, &rays, &pose);
+        let want = scan(&mut caster, RayCaster::rays_of_all, &world, &rays, &pose);
+        let have = scan(&mut caster, RayCaster::rays, &world, &rays, &pose);
         assert_eq!(have, want, "scene {which}");
         hits += want.ids.iter().filter(|id| **id > GROUND).count();
         all += want.ids.len();
@@ -153,7 +159,7 @@ fn a_scan_is_that_of_all_solids_on_all_rays_bit_for_bit() {
 
 #[test]
 fn images_and_scans_are_the_same_bits_with_every_instruction_set() {
-    let mut caster = Caster::new();
+    let mut caster = RayCaster::new();
     for which in 0..if cfg!(miri) { 1 } else { 500 } {
         let mut r = stream(40_000 + which);
         let world = any_world(&mut r);
@@ -162,8 +168,8 @@ fn images_and_scans_are_the_same_bits_with_every_instruction_set() {
         let mut all = [Set::Avx512, Set::Avx2, Set::OneLane].into_iter().filter(|set| set.is_here()).map(|set| {
             with_set(set, || {
                 (
-                    image(&mut caster, Caster::image, &world, &camera, &pose),
-                    scan(&mut caster, Caster::rays, &world, &rays, &pose),
+                    image(&mut caster, RayCaster::image, &world, &camera, &pose),
+                    scan(&mut caster, RayCaster::rays, &world, &rays, &pose),
                 )
             })
         });
@@ -184,7 +190,7 @@ struct Compared {
 }
 
 impl Compared {
-    fn add(&mut self, range: Range, (want, want_id): (f64, u32), have: f32, id: u32) {
+    fn add(&mut self, range: RangeLimits, (want, want_id): (f64, u32), have: f32, id: u32) {
         let sees = (range.least..range.most).contains(&want);
         let (want, want_id) = if sees { (want, want_id) } else { (range.most, NOTHING) };
         self.readings += 1;
@@ -200,7 +206,7 @@ impl Compared {
 
 #[test]
 fn depths_ranges_and_ids_are_those_of_f64_but_on_silhouettes() {
-    let (mut caster, mut of_images, mut of_scans) = (Caster::new(), Compared::default(), Compared::default());
+    let (mut caster, mut of_images, mut of_scans) = (RayCaster::new(), Compared::default(), Compared::default());
     for which in 0..if cfg!(miri) { 1 } else { 1_500 } {
         let mut r = stream(60_000 + which);
         let world = any_world(&mut r);
@@ -259,7 +265,13 @@ fn furnished(r: &mut Stream) -> (Scene, Vec<f64>) {
                 continue;
             }
             _ => {
-                scene.gates.push(Gate { name, position, rotation, slide: Some(Slide::default()), ..Gate::default() });
+                scene.gates.push(Gate {
+                    name,
+                    position,
+                    rotation,
+                    slide: Some(GateSlide::default()),
+                    ..Gate::default()
+                });
                 continue;
             }
         };
@@ -272,7 +284,7 @@ fn furnished(r: &mut Stream) -> (Scene, Vec<f64>) {
 
 #[test]
 fn a_hit_lies_on_the_scenes_own_surface_and_names_what_owns_it() {
-    let (mut caster, mut world) = (Caster::new(), World::default());
+    let (mut caster, mut world) = (RayCaster::new(), RayScene::default());
     let (mut worst, mut hits, mut met) = (0.0_f64, 0, std::collections::HashSet::new());
     for which in 0..if cfg!(miri) { 1 } else { 100 } {
         let mut r = stream(80_000 + which);
@@ -283,8 +295,8 @@ fn a_hit_lies_on_the_scenes_own_surface_and_names_what_owns_it() {
             position = vector(&mut r, [-8.0, -8.0, 0.3], [8.0, 8.0, 3.0]);
         }
         let pose = Pose { position, attitude: from_euler(0.2 * r.normal(), 0.2 * r.normal(), r.uniform(-3.1, 3.1)) };
-        let range = Range { least: 0.0, most: 30.0 };
-        let camera = Camera::new(48, 32, 1.5, range).unwrap();
+        let range = RangeLimits { least: 0.0, most: 30.0 };
+        let camera = PinholeCamera::new(48, 32, 1.5, range).unwrap();
         let (mut t, mut ids) = (vec![0.0; 48 * 32], vec![0; 48 * 32]);
         caster.image(&world, &camera, &pose, &mut t, &mut ids);
         for i in 0..t.len() {
@@ -296,7 +308,7 @@ fn a_hit_lies_on_the_scenes_own_surface_and_names_what_owns_it() {
             let point = pose.point(scale(depth, camera.direction(i)));
             let (element, distance) = scene.nearest(&placement, point).unwrap();
             worst = worst.max(distance.abs() / (1.0 + depth));
-            assert_eq!(owner, Owner::Scene(element), "scene {which}, pixel {i} at {depth} m");
+            assert_eq!(owner, RayTarget::Scene(element), "scene {which}, pixel {i} at {depth} m");
             met.insert(std::mem::discriminant(&element));
             hits += usize::from(element != Element::Ground);
         }
@@ -307,7 +319,13 @@ fn a_hit_lies_on_the_scenes_own_surface_and_names_what_owns_it() {
 }
 
 /// As the slope, by differences of the reference of fourth order; `None` where a silhouette is near.
-fn differences(world: &World, id: u32, direction: [f64; 3], mount: &Pose<f64>, body: &Pose<f64>) -> Option<Slope> {
+fn differences(
+    world: &RayScene,
+    id: u32,
+    direction: [f64; 3],
+    mount: &Pose<f64>,
+    body: &Pose<f64>,
+) -> Option<RangeJacobian> {
     const STEP: f64 = 1e-6;
     let at = |axis: usize, step: f64| {
         let (mut moved, mut change) = (*body, [0.0; 3]);
@@ -327,28 +345,28 @@ fn differences(world: &World, id: u32, direction: [f64; 3], mount: &Pose<f64>, b
         *slope = (8.0 * one - two) / (12.0 * STEP);
     }
     let [a, b, c, d, e, f] = slope;
-    Some(Slope { position: [a, b, c], attitude: [d, e, f] })
+    Some(RangeJacobian { position: [a, b, c], attitude: [d, e, f] })
 }
 
-fn apart(a: &Slope, b: &Slope) -> f64 {
-    let all = |s: &Slope| [s.position, s.attitude].concat();
+fn apart(a: &RangeJacobian, b: &RangeJacobian) -> f64 {
+    let all = |s: &RangeJacobian| [s.position, s.attitude].concat();
     all(a).iter().zip(all(b)).map(|(a, b)| (a - b).abs() / (1.0 + b.abs())).fold(0.0, f64::max)
 }
 
 #[test]
 fn slopes_in_the_pose_are_those_of_differences_off_silhouettes() {
-    let (mut caster, mut exact, mut cast, mut compared) = (Caster::new(), 0.0_f64, 0.0_f64, 0);
+    let (mut caster, mut exact, mut cast, mut compared) = (RayCaster::new(), 0.0_f64, 0.0_f64, 0);
     for which in 0..if cfg!(miri) { 1 } else { 150 } {
         let mut r = stream(90_000 + which);
         let (scene, placement) = furnished(&mut r);
-        let mut world = World::default();
+        let mut world = RayScene::default();
         world.fill(&scene, &placement).unwrap();
         let body = Pose { position: vector(&mut r, [-8.0, -8.0, 0.5], [8.0, 8.0, 3.0]), attitude: attitude(&mut r) };
         let mount = Pose { position: vector(&mut r, [-0.2; 3], [0.2; 3]), attitude: attitude(&mut r) };
         if gap(&world, body.then(&mount).position) < 0.1 {
             continue;
         }
-        let camera = Camera::new(16, 12, 1.2, Range { least: 0.0, most: 30.0 }).unwrap();
+        let camera = PinholeCamera::new(16, 12, 1.2, RangeLimits { least: 0.0, most: 30.0 }).unwrap();
         let (mut t, mut ids) = (vec![0.0; 192], vec![0; 192]);
         caster.image(&world, &camera, &body.then(&mount), &mut t, &mut ids);
         for i in 0..t.len() {
@@ -374,7 +392,7 @@ fn slopes_in_the_pose_are_those_of_differences_off_silhouettes() {
 
 #[test]
 fn a_grazing_ray_has_a_bounded_slope_and_a_miss_none() {
-    let mut world = World::default();
+    let mut world = RayScene::default();
     world.fill(&Scene::grounded(), &[]).unwrap();
     let body = Pose { position: [0.0, 0.0, 1.0], attitude: [1.0, 0.0, 0.0, 0.0] };
     let mount = Pose { position: [0.0; 3], attitude: [1.0, 0.0, 0.0, 0.0] };
@@ -382,27 +400,27 @@ fn a_grazing_ray_has_a_bounded_slope_and_a_miss_none() {
     let d = [(1.0_f64 - 1e-4).sqrt(), 0.0, -0.01];
     let slope = world.slope(GROUND, 100.0, d, &mount, &body);
     assert!((slope.position[2] - 10.0).abs() < 1e-9, "{slope:?}");
-    assert_eq!(world.slope(NOTHING, 30.0, d, &mount, &body), Slope::default());
-    assert_eq!(world.slope(12, 30.0, d, &mount, &body), Slope::default());
-    assert_eq!(world.slope(GROUND, f64::NAN, d, &mount, &body), Slope::default());
+    assert_eq!(world.slope(NOTHING, 30.0, d, &mount, &body), RangeJacobian::default());
+    assert_eq!(world.slope(12, 30.0, d, &mount, &body), RangeJacobian::default());
+    assert_eq!(world.slope(GROUND, f64::NAN, d, &mount, &body), RangeJacobian::default());
     // straight down: a metre up is a metre more
     let down = world.slope(GROUND, 1.0, [0.0, 0.0, -1.0], &mount, &body);
-    assert_eq!(down, Slope { position: [0.0, 0.0, 1.0], attitude: [0.0; 3] });
+    assert_eq!(down, RangeJacobian { position: [0.0, 0.0, 1.0], attitude: [0.0; 3] });
 }
 
 #[test]
 fn readings_begin_at_the_least_range_and_what_is_nearer_hides_what_is_behind() {
-    let mut world = World::default();
+    let mut world = RayScene::default();
     let (near, far) = ([[1.0, 0.0, 0.0]; 2], [[5.0, 0.0, 0.0]; 2]);
     let ids = [world.push_capsule(near, 0.1, 0).unwrap(), world.push_capsule(far, 0.5, 1).unwrap()];
     let pose = Pose { position: [0.0; 3], attitude: [1.0, 0.0, 0.0, 0.0] };
-    let mut caster = Caster::new();
+    let mut caster = RayCaster::new();
     let mut look = |least, most| {
         let (mut t, mut id) = ([0.0], [9]);
-        let rays = Rays::new(&[[2.0, 0.0, 0.0]], Range { least, most }).unwrap();
+        let rays = Rays::new(&[[2.0, 0.0, 0.0]], RangeLimits { least, most }).unwrap();
         caster.rays(&world, &rays, &pose, &mut t, &mut id);
         let of_ray = (t[0], id[0]);
-        let camera = Camera::new(1, 1, 0.5, Range { least, most }).unwrap();
+        let camera = PinholeCamera::new(1, 1, 0.5, RangeLimits { least, most }).unwrap();
         caster.image(&world, &camera, &pose, &mut t, &mut id);
         assert_eq!(of_ray, (t[0], id[0]), "one pixel looks ahead");
         of_ray
@@ -412,7 +430,7 @@ fn readings_begin_at_the_least_range_and_what_is_nearer_hides_what_is_behind() {
     assert_eq!(look(0.0, 0.5), (0.5, NOTHING));
     let beside = Pose { position: [1.0, 0.05, 0.0], ..pose };
     let (mut t, mut id) = ([0.0], [9]);
-    let rays = Rays::new(&[[1.0, 0.0, 0.0]], Range { least: 0.0, most: 10.0 }).unwrap();
+    let rays = Rays::new(&[[1.0, 0.0, 0.0]], RangeLimits { least: 0.0, most: 10.0 }).unwrap();
     caster.rays(&world, &rays, &beside, &mut t, &mut id);
     assert_eq!(id[0], ids[1], "from inside a ball it is not seen");
 }
@@ -421,24 +439,27 @@ fn readings_begin_at_the_least_range_and_what_is_nearer_hides_what_is_behind() {
 fn what_moves_is_taken_away_and_the_scene_stays() {
     let mut r = stream(3);
     let (scene, placement) = furnished(&mut r);
-    let mut world = World::default();
+    let mut world = RayScene::default();
     world.fill(&scene, &placement).unwrap();
     let n = world.n_solid();
     assert_eq!(n, 4 * scene.gates.len() + scene.obstacles.len());
     let pose = Pose { position: [0.0, 0.0, 1.0], attitude: [1.0, 0.0, 0.0, 0.0] };
-    let camera = Camera::new(32, 24, 1.2, Range { least: 0.0, most: 20.0 }).unwrap();
-    let mut caster = Caster::new();
-    let before = image(&mut caster, Caster::image, &world, &camera, &pose);
+    let camera = PinholeCamera::new(32, 24, 1.2, RangeLimits { least: 0.0, most: 20.0 }).unwrap();
+    let mut caster = RayCaster::new();
+    let before = image(&mut caster, RayCaster::image, &world, &camera, &pose);
     for round in 0..3 {
         let ball =
             world.push(&Geometry::Sphere { radius: 0.3 }, &Pose { position: [1.0, 0.0, 1.0], ..pose }, 5).unwrap();
         let block = world.push_box(&Pose { position: [1.0, 0.5, 1.0], ..pose }, [0.2; 3], 6 + round).unwrap();
-        assert_eq!((world.owner(ball), world.owner(block)), (Some(Owner::Moving(5)), Some(Owner::Moving(6 + round))));
-        let during = image(&mut caster, Caster::image, &world, &camera, &pose);
+        assert_eq!(
+            (world.owner(ball), world.owner(block)),
+            (Some(RayTarget::Moving(5)), Some(RayTarget::Moving(6 + round)))
+        );
+        let during = image(&mut caster, RayCaster::image, &world, &camera, &pose);
         assert!(during.ids.contains(&ball) && during.ids.contains(&block));
         world.clear_moving();
         assert_eq!((world.owner(ball), world.owner(block), world.n_solid()), (None, None, n));
-        assert_eq!(image(&mut caster, Caster::image, &world, &camera, &pose), before);
+        assert_eq!(image(&mut caster, RayCaster::image, &world, &camera, &pose), before);
     }
     world.fill(&Scene::default(), &[]).unwrap();
     assert_eq!((world.n_solid(), world.owner(GROUND)), (0, None));
@@ -448,24 +469,24 @@ fn what_moves_is_taken_away_and_the_scene_stays() {
 fn what_was_cast_once_is_cast_again_without_allocation() {
     let mut r = stream(4);
     let (scene, placement) = furnished(&mut r);
-    let (mut world, mut caster) = (World::default(), Caster::new());
+    let (mut world, mut caster) = (RayScene::default(), RayCaster::new());
     world.fill(&scene, &placement).unwrap();
-    let range = Range { least: 0.2, most: 20.0 };
-    let camera = Camera::new(40, 30, 1.2, range).unwrap();
+    let range = RangeLimits { least: 0.2, most: 20.0 };
+    let camera = PinholeCamera::new(40, 30, 1.2, range).unwrap();
     let mut rays = Rays::lidar(36, &[-0.2, 0.0, 0.2, 0.4], range).unwrap();
     // from far above nothing is seen: room is made for all that there is
     let above = Pose { position: [0.0, 0.0, 500.0], attitude: [1.0, 0.0, 0.0, 0.0] };
-    image(&mut caster, Caster::image, &world, &camera, &above);
-    scan(&mut caster, Caster::rays, &world, &rays, &above);
-    let room = |caster: &Caster, world: &World, rays: &Rays| {
+    image(&mut caster, RayCaster::image, &world, &camera, &above);
+    scan(&mut caster, RayCaster::rays, &world, &rays, &above);
+    let room = |caster: &RayCaster, world: &RayScene, rays: &Rays| {
         (caster.kept.room(), caster.tiles.capacity(), caster.far.capacity(), world.room(), rays.room())
     };
     let before = room(&caster, &world, &rays);
     for _ in 0..100 {
         world.fill(&scene, &placement).unwrap();
         let pose = any_eye(&mut r, &world);
-        image(&mut caster, Caster::image, &world, &camera, &pose);
-        scan(&mut caster, Caster::rays, &world, &rays, &pose);
+        image(&mut caster, RayCaster::image, &world, &camera, &pose);
+        scan(&mut caster, RayCaster::rays, &world, &rays, &pose);
         let directions: Vec<_> = (0..144).map(|_| rotate(attitude(&mut r), [1.0, 0.0, 0.0])).collect();
         rays.aim(&directions).unwrap();
     }
@@ -476,11 +497,11 @@ fn what_was_cast_once_is_cast_again_without_allocation() {
 fn numbers_that_are_none_are_misses_and_never_panic() {
     let bad =
         [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e300, -1e300, 1e20, 1e7, 0.0, -0.0, 1e-300, 1e-30, -1.0, 1.0];
-    let (mut caster, mut missed) = (Caster::new(), 0);
+    let (mut caster, mut missed) = (RayCaster::new(), 0);
     for which in 0..if cfg!(miri) { 3 } else { 3_000 } {
         let mut r = stream(100_000 + which);
         let any = |r: &mut Stream| bad[r.below(bad.len() as u64) as usize];
-        let mut world = World::default();
+        let mut world = RayScene::default();
         world.fill(&Scene { ground: Some(any(&mut r)), ..Scene::default() }, &[]).unwrap();
         for owner in 0..20 {
             let mut three = || [any(&mut r), any(&mut r), any(&mut r)];
@@ -495,8 +516,8 @@ fn numbers_that_are_none_are_misses_and_never_panic() {
         let sound = position.iter().chain(&pose.attitude).all(|x| x.is_finite());
         let (camera, rays) = (any_camera(&mut r, 20), any_rays(&mut r));
         let all = [
-            (image(&mut caster, Caster::image, &world, &camera, &pose), camera.range()),
-            (scan(&mut caster, Caster::rays, &world, &rays, &pose), rays.range()),
+            (image(&mut caster, RayCaster::image, &world, &camera, &pose), camera.range()),
+            (scan(&mut caster, RayCaster::rays, &world, &rays, &pose), rays.range()),
         ];
         for (seen, range) in all {
             for (t, id) in seen.t.iter().zip(&seen.ids) {
@@ -506,33 +527,39 @@ fn numbers_that_are_none_are_misses_and_never_panic() {
                 missed += usize::from(*id == NOTHING);
             }
         }
-        let want = image(&mut caster, Caster::image_of_all, &world, &camera, &pose);
-        assert_eq!(want, image(&mut caster, Caster::image, &world, &camera, &pose), "scene {which}");
+        let want = image(&mut caster, RayCaster::image_of_all, &world, &camera, &pose);
+        assert_eq!(want, image(&mut caster, RayCaster::image, &world, &camera, &pose), "scene {which}");
     }
     assert!(missed > 0);
 }
 
 #[test]
 fn limits_name_value_limit_and_remedy() {
-    let range = Range { least: 0.0, most: 10.0 };
+    let range = RangeLimits { least: 0.0, most: 10.0 };
     for (error, start) in [
-        (Camera::new(0, 48, 1.5, range).unwrap_err(), "camera: pixels is 0, below the limit of 1 to 4194304."),
-        (Camera::new(1 << 40, 1 << 40, 1.5, range).unwrap_err(), "camera: pixels is 1"),
-        (Camera::new(64, 48, 3.2, range).unwrap_err(), "camera: field_of_view is 3.2, but it must be within 0.001"),
-        (Camera::new(64, 48, f64::NAN, range).unwrap_err(), "camera: field_of_view is NaN"),
-        (Camera::new(1, 64, 1.5, range).unwrap_err(), "camera: field_of_view is 1.5"),
-        (Camera::new(64, 48, 1.5, Range { least: 1.0, most: 1.0 }).unwrap_err(), "camera: range is 1 to 1"),
+        (PinholeCamera::new(0, 48, 1.5, range).unwrap_err(), "camera: pixels is 0, below the limit of 1 to 4194304."),
+        (PinholeCamera::new(1 << 40, 1 << 40, 1.5, range).unwrap_err(), "camera: pixels is 1"),
+        (
+            PinholeCamera::new(64, 48, 3.2, range).unwrap_err(),
+            "camera: field_of_view is 3.2, but it must be within 0.001",
+        ),
+        (PinholeCamera::new(64, 48, f64::NAN, range).unwrap_err(), "camera: field_of_view is NaN"),
+        (PinholeCamera::new(1, 64, 1.5, range).unwrap_err(), "camera: field_of_view is 1.5"),
+        (
+            PinholeCamera::new(64, 48, 1.5, RangeLimits { least: 1.0, most: 1.0 }).unwrap_err(),
+            "camera: range is 1 to 1",
+        ),
         (Rays::new(&[], range).unwrap_err(), "rays: number of directions is 0, below the limit"),
         (Rays::new(&[[0.0; 3]], range).unwrap_err(), "rays: length of direction 0 is 0"),
         (Rays::new(&[[1.0, f64::NAN, 0.0]], range).unwrap_err(), "rays: direction 0[1] is NaN"),
         (Rays::lidar(usize::MAX, &[0.0; 2], range).unwrap_err(), "rays: number of directions is 1"),
-        (Rays::new(&[[1.0; 3]], Range { least: 0.0, most: 1e5 }).unwrap_err(), "rays: range is 0 to 100000"),
+        (Rays::new(&[[1.0; 3]], RangeLimits { least: 0.0, most: 1e5 }).unwrap_err(), "rays: range is 0 to 100000"),
     ] {
         let text = error.to_string();
         assert!(text.starts_with(start), "{text}");
         assert!(error.is_limit() || error.is_value(), "{text}");
     }
-    let mut world = World::default();
+    let mut world = RayScene::default();
     for _ in 0..world::MAX_SOLIDS {
         world.push_capsule([[0.0; 3]; 2], 1.0, 0).unwrap();
     }

@@ -8,8 +8,8 @@ use super::cull::View;
 use super::hit::Piece;
 use super::pattern::{OnePiece, Pattern, largest, nearer};
 use super::pieces::{Grid, PieceBlock, widened};
-use super::world::{self, GROUND, LANES, NOTHING, Row, World};
-use super::{Caster, Range, Tile, fused, splat};
+use super::world::{self, GROUND, LANES, NOTHING, RayScene, Row};
+use super::{RangeLimits, RayCaster, Tile, fused, splat};
 use crate::shape::Pose;
 use crate::spatial::Vec3;
 use autodiff::Mask;
@@ -24,24 +24,24 @@ const SIDE: usize = 4;
 
 /// A pinhole camera: looks along x of its frame, columns run to the right (−y), rows down (−z).
 #[derive(Debug, Clone)]
-pub struct Camera {
+pub struct PinholeCamera {
     width: usize,
     height: usize,
-    range: Range,
+    range: RangeLimits,
     grid: Grid,
     /// Slopes of the pixels of a tile, by column and by row of tiles.
     left: Vec<Row>,
     up: Vec<Row>,
 }
 
-impl Camera {
+impl PinholeCamera {
     /// A camera of `width` × `height` square pixels whose outer edges are `field_of_view` (rad) apart from left to right: pixel
     /// (i, j) looks along (1, a, b), a = (1 − (2j + 1)/width) tan(½ `field_of_view`), b = (height − 2i − 1)/width · the same.
     ///
     /// # Errors
     /// No pixels or more than [`MAX_PIXELS`]; a field of view outside 10⁻³ … 3 rad, or whose tangent over the height exceeds
-    /// 20; a range as [`Range::validate`] refuses.
-    pub fn new(width: usize, height: usize, field_of_view: f64, range: Range) -> Result<Self> {
+    /// 20; a range as [`RangeLimits::validate`] refuses.
+    pub fn new(width: usize, height: usize, field_of_view: f64, range: RangeLimits) -> Result<Self> {
         range.validate("camera")?;
         let pixels = width.saturating_mul(height);
         if pixels == 0 || pixels > MAX_PIXELS {
@@ -91,7 +91,7 @@ impl Camera {
     }
 
     /// Of its readings, in planar depth.
-    pub fn range(&self) -> Range {
+    pub fn range(&self) -> RangeLimits {
         self.range
     }
 
@@ -103,7 +103,7 @@ impl Camera {
     }
 }
 
-impl View for Camera {
+impl View for PinholeCamera {
     #[inline(always)]
     fn reaches<L: Lanes>(&self, base: Vec3<L>, axis: Vec3<L>, length: L, radius: L) -> (L, L::Mask) {
         let mut end = base;
@@ -131,31 +131,38 @@ impl View for Camera {
     }
 }
 
-impl Caster {
+impl RayCaster {
     /// Planar depths (m) and ids of all pixels, row by row, as the camera at `pose` (its frame → world) sees `world`. From a
     /// pose that is not finite, all are misses.
     ///
     /// # Panics
     /// On slices of another length than width × height.
-    pub fn image(&mut self, world: &World, camera: &Camera, pose: &Pose<f64>, depth: &mut [f32], ids: &mut [u32]) {
-        self.cast::<Camera, false>(world, camera, pose, depth, ids);
+    pub fn image(
+        &mut self,
+        world: &RayScene,
+        camera: &PinholeCamera,
+        pose: &Pose<f64>,
+        depth: &mut [f32],
+        ids: &mut [u32],
+    ) {
+        self.cast::<PinholeCamera, false>(world, camera, pose, depth, ids);
     }
 
     /// The same by trying all solids at all pixels.
     #[cfg(test)]
     pub(crate) fn image_of_all(
         &mut self,
-        world: &World,
-        camera: &Camera,
+        world: &RayScene,
+        camera: &PinholeCamera,
         pose: &Pose<f64>,
         depth: &mut [f32],
         ids: &mut [u32],
     ) {
-        self.cast::<Camera, true>(world, camera, pose, depth, ids);
+        self.cast::<PinholeCamera, true>(world, camera, pose, depth, ids);
     }
 }
 
-impl Pattern for Camera {
+impl Pattern for PinholeCamera {
     #[inline(always)]
     fn n_reading(&self) -> usize {
         self.width * self.height
@@ -167,7 +174,7 @@ impl Pattern for Camera {
     }
 
     #[inline(always)]
-    fn range(&self) -> Range {
+    fn range(&self) -> RangeLimits {
         self.range
     }
 

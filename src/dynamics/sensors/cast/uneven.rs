@@ -12,7 +12,7 @@
 //! it the second is a step of Newton's. Rays begin where they sink below the highest crest there can be, and end where they rise above it.
 
 use super::pattern::Pattern;
-use super::world::{self, GROUND, LANES, NOTHING, World};
+use super::world::{self, GROUND, LANES, NOTHING, RayScene};
 use super::{Eye, Tile, dot, fused, splat};
 use crate::spatial::Vec3;
 use autodiff::Mask;
@@ -48,7 +48,7 @@ struct Swell {
 
 impl Hills {
     /// The ground of a world from `eye`; false where there is none, or the eye is not above it.
-    pub(super) fn look(&mut self, world: &World, eye: &Eye) -> bool {
+    pub(super) fn look(&mut self, world: &RayScene, eye: &Eye) -> bool {
         let Some(ground) = world.ground.map(f64::from) else { return false };
         let (relief, [x, y, z]) = (&world.relief, eye.position.map(f64::from));
         let [sx, sy] = relief.slope;

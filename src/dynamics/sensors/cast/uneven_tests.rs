@@ -2,29 +2,29 @@
 
 use super::tests::{any_camera, any_rays, attitude, decades, image, scan, stream, vector};
 use super::*;
-use crate::relief::{Relief, Wave};
+use crate::relief::{GroundWave, UnevenGround};
 use crate::scene::{Generator, Scene};
 use crate::spatial::{axpy, rotate};
 use autodiff::lanes::{Set, with_set};
 use rng::Stream;
 
-fn any_relief(r: &mut Stream) -> Relief {
-    let mut relief = Relief { slope: [r.uniform(-0.4, 0.4), r.uniform(-0.4, 0.4)], waves: Vec::new() };
+fn any_relief(r: &mut Stream) -> UnevenGround {
+    let mut relief = UnevenGround { slope: [r.uniform(-0.4, 0.4), r.uniform(-0.4, 0.4)], waves: Vec::new() };
     for _ in 0..1 + r.below(5) {
         let number = [decades(r, -1.0, 0.5), decades(r, -1.0, 0.5) * r.uniform(-1.0, 1.0)];
         let amplitude = r.uniform(-0.25, 0.25) / number[0].hypot(number[1]);
-        relief.waves.push(Wave { amplitude, number, phase: r.uniform(-3.0, 3.0) });
+        relief.waves.push(GroundWave { amplitude, number, phase: r.uniform(-3.0, 3.0) });
     }
     relief.validate("relief").unwrap();
     relief
 }
 
-fn over(relief: &Relief, height: f64, p: [f64; 3]) -> f64 {
+fn over(relief: &UnevenGround, height: f64, p: [f64; 3]) -> f64 {
     p[2] - height - relief.rise(p[0], p[1]).0
 }
 
 /// By steps of a centimetre and bisection; infinite for none before `most`.
-fn scanned(relief: &Relief, height: f64, o: [f64; 3], d: [f64; 3], most: f64) -> f64 {
+fn scanned(relief: &UnevenGround, height: f64, o: [f64; 3], d: [f64; 3], most: f64) -> f64 {
     let (step, f) = (0.01, |t: f64| over(relief, height, axpy(o, t, d)));
     let mut t = 0.0;
     while t < most {
@@ -43,7 +43,7 @@ fn scanned(relief: &Relief, height: f64, o: [f64; 3], d: [f64; 3], most: f64) ->
 
 #[test]
 fn ranges_of_hills_are_those_of_a_fine_scan_and_hits_lie_on_the_ground() {
-    let (mut caster, mut world) = (Caster::new(), World::default());
+    let (mut caster, mut world) = (RayCaster::new(), RayScene::default());
     let (mut rays_in_all, mut apart, mut hits) = (0, 0, 0);
     let (mut worst, mut off) = (0.0_f64, 0.0_f64);
     for which in 0..if cfg!(miri) { 1 } else { 100 } {
@@ -56,7 +56,7 @@ fn ranges_of_hills_are_those_of_a_fine_scan_and_hits_lie_on_the_ground() {
         let pose = Pose { position, attitude: attitude(&mut r) };
         let directions: Vec<_> = (0..100).map(|_| rotate(attitude(&mut r), [1.0, 0.0, 0.0])).collect();
         let most = 12.0;
-        let rays = Rays::new(&directions, Range { least: 0.0, most }).unwrap();
+        let rays = Rays::new(&directions, RangeLimits { least: 0.0, most }).unwrap();
         let (mut t, mut ids) = (vec![0.0; 100], vec![0; 100]);
         caster.rays(&world, &rays, &pose, &mut t, &mut ids);
         for i in 0..100 {
@@ -84,22 +84,22 @@ fn ranges_of_hills_are_those_of_a_fine_scan_and_hits_lie_on_the_ground() {
 
 #[test]
 fn a_slope_is_a_plane_and_one_of_nothing_is_level_ground_bit_for_bit() {
-    let mut caster = Caster::new();
-    let (mut level, mut flat, mut tilted) = (World::default(), World::default(), World::default());
+    let mut caster = RayCaster::new();
+    let (mut level, mut flat, mut tilted) = (RayScene::default(), RayScene::default(), RayScene::default());
     level.fill(&Scene::grounded(), &[]).unwrap();
-    flat.fill(&Scene { relief: Some(Relief::default()), ..Scene::grounded() }, &[]).unwrap();
+    flat.fill(&Scene { relief: Some(UnevenGround::default()), ..Scene::grounded() }, &[]).unwrap();
     let slope = [0.3, -0.2];
-    tilted.fill(&Scene { relief: Some(Relief { slope, waves: vec![] }), ..Scene::grounded() }, &[]).unwrap();
+    tilted.fill(&Scene { relief: Some(UnevenGround { slope, waves: vec![] }), ..Scene::grounded() }, &[]).unwrap();
     let mut worst = 0.0_f64;
     for which in 0..if cfg!(miri) { 1 } else { 200 } {
         let mut r = stream(210_000 + which);
         let pose = Pose { position: vector(&mut r, [-3.0, -3.0, -1.0], [3.0, 3.0, 4.0]), attitude: attitude(&mut r) };
         let (camera, rays) = (any_camera(&mut r, 30), any_rays(&mut r));
         assert_eq!(
-            image(&mut caster, Caster::image, &level, &camera, &pose),
-            image(&mut caster, Caster::image, &flat, &camera, &pose)
+            image(&mut caster, RayCaster::image, &level, &camera, &pose),
+            image(&mut caster, RayCaster::image, &flat, &camera, &pose)
         );
-        let seen = scan(&mut caster, Caster::rays, &tilted, &rays, &pose);
+        let seen = scan(&mut caster, RayCaster::rays, &tilted, &rays, &pose);
         let height = pose.position[2] - slope[0] * pose.position[0] - slope[1] * pose.position[1];
         for i in 0..rays.n_ray() {
             let d = rotate(unit(pose.attitude), rays.direction(i));
@@ -107,7 +107,7 @@ fn a_slope_is_a_plane_and_one_of_nothing_is_level_ground_bit_for_bit() {
             if seen.ids[i] == GROUND {
                 worst = worst.max((f64::from(f32::from_bits(seen.t[i])) - want).abs() / (1.0 + want));
             } else {
-                let Range { least, most } = rays.range();
+                let RangeLimits { least, most } = rays.range();
                 let sees = height > 1e-6 && want > 0.0 && want < most - 1e-3 && want > least + 1e-3;
                 assert!(!sees, "scene {which}: {want}");
             }
@@ -119,10 +119,10 @@ fn a_slope_is_a_plane_and_one_of_nothing_is_level_ground_bit_for_bit() {
 
 #[test]
 fn hills_with_solids_are_the_same_bits_culled_or_not_and_with_every_instruction_set() {
-    let mut caster = Caster::new();
+    let mut caster = RayCaster::new();
     for which in 0..if cfg!(miri) { 1 } else { 150 } {
         let mut r = stream(220_000 + which);
-        let mut world = World::default();
+        let mut world = RayScene::default();
         world.fill(&Scene { relief: Some(any_relief(&mut r)), ..Scene::grounded() }, &[]).unwrap();
         for owner in 0..12 {
             let a = vector(&mut r, [-6.0, -6.0, -1.0], [6.0, 6.0, 2.0]);
@@ -130,13 +130,13 @@ fn hills_with_solids_are_the_same_bits_culled_or_not_and_with_every_instruction_
         }
         let pose = Pose { position: vector(&mut r, [-6.0, -6.0, 0.0], [6.0, 6.0, 4.0]), attitude: attitude(&mut r) };
         let (camera, rays) = (any_camera(&mut r, 24), any_rays(&mut r));
-        let want = image(&mut caster, Caster::image_of_all, &world, &camera, &pose);
-        let scanned = scan(&mut caster, Caster::rays_of_all, &world, &rays, &pose);
+        let want = image(&mut caster, RayCaster::image_of_all, &world, &camera, &pose);
+        let scanned = scan(&mut caster, RayCaster::rays_of_all, &world, &rays, &pose);
         for set in [Set::Avx512, Set::Avx2, Set::OneLane].into_iter().filter(|set| set.is_here()) {
             let (a, b) = with_set(set, || {
                 (
-                    image(&mut caster, Caster::image, &world, &camera, &pose),
-                    scan(&mut caster, Caster::rays, &world, &rays, &pose),
+                    image(&mut caster, RayCaster::image, &world, &camera, &pose),
+                    scan(&mut caster, RayCaster::rays, &world, &rays, &pose),
                 )
             });
             assert!(a == want && b == scanned, "scene {which}");
@@ -152,7 +152,7 @@ fn add_up(a: [f64; 3], by: f64) -> [f64; 3] {
 fn normals_and_slopes_of_hills_are_those_of_the_ground() {
     let mut r = stream(230_000);
     let relief = any_relief(&mut r);
-    let mut world = World::default();
+    let mut world = RayScene::default();
     world.fill(&Scene { relief: Some(relief.clone()), ..Scene::grounded() }, &[]).unwrap();
     let foot = [0.7, -1.3];
     let (rise, [sx, sy]) = relief.rise(foot[0], foot[1]);
@@ -174,9 +174,9 @@ fn normals_and_slopes_of_hills_are_those_of_the_ground() {
 #[ignore = "a measurement: cargo test --workspace --lib images_of_hills_per_second -- --ignored --nocapture"]
 fn images_of_hills_per_second() {
     let scene = Generator::parse("terrain:2").unwrap().scene().unwrap();
-    let (mut caster, mut world) = (Caster::new(), World::default());
+    let (mut caster, mut world) = (RayCaster::new(), RayScene::default());
     world.fill(&scene, &scene.nominal_placement()).unwrap();
-    let camera = Camera::new(64, 48, 1.5, Range { least: 0.0, most: 20.0 }).unwrap();
+    let camera = PinholeCamera::new(64, 48, 1.5, RangeLimits { least: 0.0, most: 20.0 }).unwrap();
     let (mut t, mut ids) = (vec![0.0; 64 * 48], vec![0; 64 * 48]);
     let pose = Pose { position: [0.0, 0.0, 2.0], attitude: [1.0, 0.0, 0.0, 0.0] };
     let begun = std::time::Instant::now();

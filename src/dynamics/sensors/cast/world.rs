@@ -4,7 +4,7 @@
 //! lanes go over solids where the eye's frame is made, and over rays afterwards.
 
 use crate::mesh::{Mesh, PlacedMesh};
-use crate::relief::Relief;
+use crate::relief::UnevenGround;
 use crate::scene::{Element, Scene};
 use crate::shape::{Geometry, Pose};
 use crate::spatial::{Vec3, add, matrix, rotate, scale, sub, unit};
@@ -30,7 +30,7 @@ pub(super) const FARTHEST: f32 = 1e6;
 
 /// What a solid belongs to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Owner {
+pub enum RayTarget {
     /// Ground, a gate, an obstacle or a mesh of the scene.
     Scene(Element),
     /// Something else, by the number that it was pushed with: another vehicle, say.
@@ -119,7 +119,7 @@ pub(super) struct Placed {
 #[derive(Debug, Clone)]
 pub(super) struct Blocks<B> {
     pub blocks: Vec<B>,
-    pub owners: Vec<Owner>,
+    pub owners: Vec<RayTarget>,
 }
 
 impl<B> Default for Blocks<B> {
@@ -134,7 +134,7 @@ impl<B: Clone> Blocks<B> {
     }
 
     /// The next free place, after a check of the limit.
-    fn place(&mut self, empty: &B, owner: Owner) -> Result<usize> {
+    fn place(&mut self, empty: &B, owner: RayTarget) -> Result<usize> {
         let at = self.len();
         if at >= MAX_SOLIDS {
             let remedy = "Leave out what no ray can reach.";
@@ -165,9 +165,9 @@ impl<B: Clone> Blocks<B> {
 /// ```
 /// # use omnidrones_dynamics::omnidrones;
 /// use omnidrones::dynamics::scene::Scene;
-/// use omnidrones::dynamics::sensors::cast::World;
+/// use omnidrones::dynamics::sensors::cast::RayScene;
 ///
-/// let mut world = World::default();
+/// let mut world = RayScene::default();
 /// world.fill(&Scene::grounded(), &[])?;
 /// let ball = world.push_capsule([[3.0, 0.0, 1.0]; 2], 0.2, 7)?;
 /// assert_eq!(world.n_solid(), 1);
@@ -176,18 +176,18 @@ impl<B: Clone> Blocks<B> {
 /// # Ok::<(), omnidrones::error::Error>(())
 /// ```
 #[derive(Debug, Clone, Default)]
-pub struct World {
+pub struct RayScene {
     pub(super) capsules: Blocks<CapsuleBlock>,
     pub(super) boxes: Blocks<BoxBlock>,
     pub(super) ground: Option<f32>,
     /// What rises over it: nothing where it is level.
-    pub(super) relief: Relief,
+    pub(super) relief: UnevenGround,
     pub(super) meshes: Vec<Placed>,
     /// Capsules and boxes of the scene.
     still: [usize; 2],
 }
 
-impl World {
+impl RayScene {
     /// Takes over ground, gates, obstacles and meshes of a scene where `placement` puts them, instead of all there was.
     ///
     /// # Errors
@@ -206,13 +206,13 @@ impl World {
         self.relief.waves.extend(scene.relief.iter().flat_map(|relief| &relief.waves));
         self.place_meshes(&scene.mesh)?;
         for (i, gate) in scene.gates.iter().enumerate() {
-            let owner = Owner::Scene(Element::Gate(i));
+            let owner = RayTarget::Scene(Element::Gate(i));
             for bar in gate.bars(&scene.gate_pose(placement, i)) {
                 self.add_capsule(bar, gate.bar_radius(), owner)?;
             }
         }
         for (i, obstacle) in scene.obstacles.iter().enumerate() {
-            let owner = Owner::Scene(Element::Obstacle(i));
+            let owner = RayTarget::Scene(Element::Obstacle(i));
             self.add(&obstacle.shape.geometry, &scene.obstacle_pose(placement, i), owner)?;
         }
         self.still = [self.capsules.len(), self.boxes.len()];
@@ -261,7 +261,7 @@ impl World {
     /// # Errors
     /// A capsule more than [`MAX_SOLIDS`].
     pub fn push_capsule(&mut self, ends: [Vec3<f64>; 2], radius: f64, owner: u32) -> Result<u32> {
-        self.add_capsule(ends, radius, Owner::Moving(owner))
+        self.add_capsule(ends, radius, RayTarget::Moving(owner))
     }
 
     /// Adds a box of these edge lengths (m) about the origin of `pose` (world). Its id. One whose numbers are not finite, or
@@ -270,7 +270,7 @@ impl World {
     /// # Errors
     /// A box more than [`MAX_SOLIDS`].
     pub fn push_box(&mut self, pose: &Pose<f64>, size: Vec3<f64>, owner: u32) -> Result<u32> {
-        self.add_box(pose, size, Owner::Moving(owner))
+        self.add_box(pose, size, RayTarget::Moving(owner))
     }
 
     /// Adds a shape at a pose in the world: a part of a vehicle, say. Its id.
@@ -278,10 +278,10 @@ impl World {
     /// # Errors
     /// A solid more than [`MAX_SOLIDS`] of its kind.
     pub fn push(&mut self, geometry: &Geometry, pose: &Pose<f64>, owner: u32) -> Result<u32> {
-        self.add(geometry, pose, Owner::Moving(owner))
+        self.add(geometry, pose, RayTarget::Moving(owner))
     }
 
-    fn add(&mut self, geometry: &Geometry, pose: &Pose<f64>, owner: Owner) -> Result<u32> {
+    fn add(&mut self, geometry: &Geometry, pose: &Pose<f64>, owner: RayTarget) -> Result<u32> {
         match *geometry {
             Geometry::Sphere { radius } => self.add_capsule([pose.position; 2], radius, owner),
             Geometry::Capsule { radius, length } => {
@@ -292,7 +292,7 @@ impl World {
         }
     }
 
-    fn add_capsule(&mut self, ends: [Vec3<f64>; 2], radius: f64, owner: Owner) -> Result<u32> {
+    fn add_capsule(&mut self, ends: [Vec3<f64>; 2], radius: f64, owner: RayTarget) -> Result<u32> {
         let at = self.capsules.place(&CapsuleBlock::EMPTY, owner)?;
         let along = sub(ends[1], ends[0]);
         let length = along.iter().map(|x| x * x).sum::<f64>().sqrt();
@@ -306,7 +306,7 @@ impl World {
         Ok(capsule_id(at))
     }
 
-    fn add_box(&mut self, pose: &Pose<f64>, size: Vec3<f64>, owner: Owner) -> Result<u32> {
+    fn add_box(&mut self, pose: &Pose<f64>, size: Vec3<f64>, owner: RayTarget) -> Result<u32> {
         let at = self.boxes.place(&BoxBlock::EMPTY, owner)?;
         let m = matrix(unit(pose.attitude));
         let reach = 0.5 * size.iter().map(|x| x * x).sum::<f64>().sqrt();
@@ -338,13 +338,13 @@ impl World {
     }
 
     /// What the solid of an id belongs to; `None` for [`NOTHING`] and for ids that this world has not.
-    pub fn owner(&self, id: u32) -> Option<Owner> {
+    pub fn owner(&self, id: u32) -> Option<RayTarget> {
         match solid(id) {
             Solid::Nothing => None,
-            Solid::Ground => self.ground.map(|_| Owner::Scene(Element::Ground)),
+            Solid::Ground => self.ground.map(|_| RayTarget::Scene(Element::Ground)),
             Solid::Capsule(i) => self.capsules.owners.get(i).copied(),
             Solid::Box(i) => self.boxes.owners.get(i).copied(),
-            Solid::Triangle(id) => self.triangle(id).map(|(i, _)| Owner::Scene(Element::Mesh(i))),
+            Solid::Triangle(id) => self.triangle(id).map(|(i, _)| RayTarget::Scene(Element::Mesh(i))),
         }
     }
 }
