@@ -1,10 +1,10 @@
 //! Many environments of one task, from Python.
 
-use crate::error::OrRaise;
-use crate::gradient::{Adjoint, Jacobian, Tape, places};
-use crate::rows::{
+use crate::arrays::{
     self, Layout, Slab, array, flags, read, slice, slice_mut, slice_mut_or_none, write, write_flags, write_or_none,
 };
+use crate::error::OrRaise;
+use crate::gradient::{Adjoint, Jacobian, Tape, places};
 use crate::settings;
 use omnidrones::error::Error;
 use omnidrones::layers::Layer;
@@ -175,7 +175,7 @@ impl VecEnv {
     }
 
     /// Actions of the caller.
-    pub fn read_actions<'py>(&self, actions: &Bound<'py, PyAny>) -> PyResult<rows::Rows<'py, f32>> {
+    pub fn read_actions<'py>(&self, actions: &Bound<'py, PyAny>) -> PyResult<arrays::Rows<'py, f32>> {
         read("actions", actions, &self.action)
     }
 

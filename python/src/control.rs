@@ -1,8 +1,8 @@
 //! Vehicles, flights and linear models, from Python.
 
+use crate::arrays::array;
 use crate::error::{OrRaise, interruptible, unexpected};
 use crate::figure::Figure;
-use crate::rows::array;
 use crate::settings;
 use nalgebra::DMatrix;
 use omnidrones::controllers::allocation::{Allocator, PrioritisedAllocator, Problem};

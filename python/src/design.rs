@@ -1,8 +1,8 @@
 //! Margins of the loop that flies, and feedback of least cost, from Python.
 
+use crate::arrays::{array, read, slice};
 use crate::control::{StateSpace, Trim, data, gains_of, matrix, vehicle};
 use crate::error::{OrRaise, unexpected};
-use crate::rows::{array, read, slice};
 use crate::settings;
 use nalgebra::{Complex, DMatrix};
 use omnidrones::controllers::design::{self as library, AnalysisPoint, ErrorState, LoopModel, TrimTarget};

@@ -1,7 +1,7 @@
 //! Figures, as notebooks show them: the library's own plots, no other package.
 
+use crate::arrays::{read, slice};
 use crate::error::OrRaise;
-use crate::rows::{read, slice};
 use omnidrones_plot::{self as plot, Panel, Series};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;

@@ -1,7 +1,7 @@
 //! Exact gradients of steps, from Python: tapes and sweeps in `float32` for batches, Jacobians in `float64` for one.
 
+use crate::arrays::{array, read, read_or_none, slice, slice_mut, slice_or_none, write};
 use crate::error::OrRaise;
-use crate::rows::{array, read, read_or_none, slice, slice_mut, slice_or_none, write};
 use omnidrones::tasks::{self, Cotangents, StepLayout, SweepOptions};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PySlice};

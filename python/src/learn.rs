@@ -1,8 +1,8 @@
 //! Training, evaluation and policies, from Python.
 
+use crate::arrays::{array, flags, read, slice, slice_mut, write};
 use crate::batch::{config_of, threads};
 use crate::error::{OrRaise, interruptible};
-use crate::rows::{array, flags, read, slice, slice_mut, write};
 use crate::settings;
 use omnidrones::error::Error;
 use omnidrones::rl::nn::Head;

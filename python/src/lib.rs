@@ -2,7 +2,7 @@
 //!
 //! | file | what |
 //! |---|---|
-//! | `rows` | NumPy arrays as rows, the only file that reaches into their memory |
+//! | `arrays` | NumPy arrays as rows, the only file that reaches into their memory |
 //! | `settings` | dicts, files and keywords as layers of settings |
 //! | `error` | errors as exceptions; work that Python may interrupt |
 //! | `batch` | many environments: `VecEnv` |
@@ -16,6 +16,7 @@
 //! What makes environments those of Gymnasium, PettingZoo, Stable-Baselines3, TorchRL, PyTorch and Ray is written in Python, beside
 //! it in `omnidrones/`.
 
+mod arrays;
 mod batch;
 mod control;
 mod design;
@@ -23,7 +24,6 @@ mod error;
 mod figure;
 mod gradient;
 mod learn;
-mod rows;
 mod settings;
 mod system;
 

@@ -1,9 +1,9 @@
 //! Discrete systems from Python, x+ = f(x, u, theta) in `float64`: a closed loop, an allocation. What cotangents of a trajectory are
 //! worth comes from the library's adjoint of a rollout.
 
+use crate::arrays::{Rows, array, read, slice};
 use crate::control::{data, gains_of, plant, vehicle};
 use crate::error::{OrRaise, Said, interruptible};
-use crate::rows::{Rows, array, read, slice};
 use omnidrones::autodiff::{self, Gradient, Objective, Rollout, Scalar};
 use omnidrones::controllers::allocation::{self, Problem};
 use omnidrones::controllers::law::{LawController, RecordedLaw};

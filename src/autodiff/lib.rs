@@ -34,6 +34,7 @@ pub mod derivative;
 pub(crate) mod dual;
 #[cfg(test)]
 mod example;
+pub(crate) mod fast_hash;
 #[doc(hidden)]
 pub mod jet;
 #[doc(hidden)]
@@ -44,7 +45,6 @@ pub mod once;
 pub(crate) mod polynomials;
 #[doc(hidden)]
 pub mod program;
-pub(crate) mod quick;
 #[doc(hidden)]
 pub mod rollout;
 pub mod safe;

@@ -1,9 +1,9 @@
 //! The cascade of one vehicle as a law: sample and ticks in, rotor actions out, gains as parameters.
 
-use super::believed::NominalBody;
 use super::cascade::{CascadeMemory, CascadeModel, RateDivisors, Rates};
 use super::integral::IntegralState;
 use super::law::{ControlLaw, LawController, LawInput};
+use super::nominal_body::NominalBody;
 use super::parameters::GainSet;
 use autodiff::Scalar;
 use base::error::Result;

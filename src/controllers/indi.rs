@@ -26,13 +26,13 @@
 use super::allocation::AllocationFunction;
 use super::allocation::problem::{Problem, WRENCH};
 use super::attitude::Orientation;
-use super::believed::NominalBody;
 use super::cascade::{RateDivisors, Rates};
 use super::hover_axes::HoverAxes;
 use super::integral::IntegralState;
 use super::kinematics::Kinematics;
 use super::law::{ControlLaw, LawInput};
 use super::low_pass::LowPass;
+use super::nominal_body::NominalBody;
 use super::parameters::{GainSet, validate_gains};
 use super::position::add_drag;
 use super::velocity::{VelocityCommand, desired_attitude};

@@ -18,8 +18,8 @@
 //! Source: Ohnishi, Shibata and Murakami 1996 (disturbance observers of motion control); the automatic reset of
 //! Åström and Hägglund 2006, section 3.5.
 
-use super::believed::NominalBody;
 use super::kinematics::Kinematics;
+use super::nominal_body::NominalBody;
 use autodiff::Scalar;
 
 /// The memory of integral action.

@@ -12,7 +12,7 @@
 //! | [`rate`] | rate command → moments |
 //! | [`allocation`] | thrust and moments → rotor thrusts, by pseudo-inverse of the true geometry, yaw last |
 //! | [`six_axis`] | force and attitude independent of each other: pose → wrench |
-//! | `believed` | a body under its rotors as a controller believes it to move |
+//! | `nominal_body` | a body under its rotors as a controller believes it to move |
 //! | `integral` | integral action: what the believed body misses, learnt and taken off |
 //! | `action` | the paper's action modes, bounded |
 //! | [`cascade`] | all levels together, each at its own rate, entered at any of them |
@@ -38,10 +38,10 @@
 //! | [`hover_feedback`] | LQR and LQI of one rigid vehicle about hover |
 //! | [`state_feedback`] | optimal feedback for a drone with swinging loads |
 //! | `gimballed` | a drone on a cardan joint that pushes its carrier with a wanted force |
-//! | [`platform`] | a frame under such drones, steered in six axes |
-//! | [`transport`] | a load under drones on bars, its own pose tracked |
-//! | `extent` | what counts of what flies for the ground and for obstacles: shapes and rotor discs |
-//! | [`mishap`] | what fails a flight however small its errors are: the ground, a load that turned over |
+//! | [`platform_controller`] | a frame under such drones, steered in six axes |
+//! | [`transport_controller`] | a load under drones on bars, its own pose tracked |
+//! | `collision_parts` | what counts of what flies for the ground and for obstacles: shapes and rotor discs |
+//! | [`flight_check`] | what fails a flight however small its errors are: the ground, a load that turned over |
 //! | [`design`] | Riccati equations, optimal feedback, tuning |
 //!
 //! At equal rates the four levels compose to the geometric law of Lee, Leok and McClamroch (2010), term by term:
@@ -56,7 +56,6 @@ pub mod action;
 pub mod allocation;
 #[doc(hidden)]
 pub mod attitude;
-pub(crate) mod believed;
 #[doc(hidden)]
 pub mod cascade;
 pub(crate) mod cascade_law;
@@ -65,16 +64,18 @@ pub mod chain_shape;
 pub(crate) mod clocked_step;
 #[doc(hidden)]
 pub mod closed_loop;
+pub(crate) mod collision_parts;
 #[doc(hidden)]
 pub mod confidence;
 #[doc(hidden)]
 pub mod controller;
 pub mod design;
-pub(crate) mod extent;
 #[doc(hidden)]
 pub mod fault_tolerant;
 #[doc(hidden)]
 pub mod flight;
+#[doc(hidden)]
+pub mod flight_check;
 #[doc(hidden)]
 pub mod formation;
 pub(crate) mod gimballed;
@@ -95,13 +96,12 @@ pub(crate) mod load_flatness;
 pub mod locked_joints;
 pub(crate) mod low_pass;
 #[doc(hidden)]
-pub mod mishap;
-#[doc(hidden)]
 pub mod monte_carlo;
+pub(crate) mod nominal_body;
 #[doc(hidden)]
 pub mod parameters;
 #[doc(hidden)]
-pub mod platform;
+pub mod platform_controller;
 #[doc(hidden)]
 pub mod position;
 #[doc(hidden)]
@@ -117,7 +117,7 @@ pub mod start;
 #[doc(hidden)]
 pub mod state_feedback;
 #[doc(hidden)]
-pub mod transport;
+pub mod transport_controller;
 #[doc(hidden)]
 pub mod vectored;
 #[doc(hidden)]
@@ -134,6 +134,7 @@ pub use confidence::{Proportion, Quantile, clopper_pearson};
 pub use controller::{Controller, Measurement, Note, Passive, Target};
 pub use fault_tolerant::FaultTolerant;
 pub use flight::{Flight, FlightPlan, SmoothPoint, fly, fly_from, fly_vehicle, fly_while};
+pub use flight_check::{FlightCheck, Mishap, judge};
 pub use formation::{FormationController, FormationLaw};
 pub use hover_axes::HoverAxes;
 pub use hover_feedback::{HoverFeedback, HoverWeights};
@@ -142,10 +143,9 @@ pub use kinematics::Kinematics;
 pub use law::{ControlLaw, LawController, LawInput, RecordedLaw};
 pub use load_flatness::LoadFlatness;
 pub use locked_joints::LockedJoints;
-pub use mishap::{FlightCheck, Mishap, judge};
 pub use monte_carlo::{MonteCarlo, MonteCarloDraw, MonteCarloResult, MonteCarloSummary};
 pub use parameters::{BodyModel, CommandLimits, ForceLimits, GainSet};
-pub use platform::PlatformController;
+pub use platform_controller::PlatformController;
 pub use rate::RateCommand;
 pub use recovery::{RecoveryCell, RecoveryMap, RecoveryPlan, recovery_map};
 pub use reference::{Curve, Reference, Setpoint, Tilt, Trajectory};
@@ -153,7 +153,7 @@ pub use registry::{Setup, default_controller};
 pub use six_axis::SixAxis;
 pub use start::start_on;
 pub use state_feedback::{Lqr, LqrWeights};
-pub use transport::{TiltLimits, TransportController};
+pub use transport_controller::{TiltLimits, TransportController};
 pub use vectored::{Vectored, vectored};
 pub use velocity::VelocityCommand;
 

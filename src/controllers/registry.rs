@@ -9,10 +9,10 @@ use super::hover_feedback::{HoverFeedback, HoverWeights};
 use super::indi::IndiLaw;
 use super::law::LawController;
 use super::locked_joints::LockedJoints;
-use super::platform::{self, PlatformController, is_platform};
+use super::platform_controller::{self, PlatformController, is_platform};
 use super::start::free;
 use super::state_feedback::{Lqr, LqrWeights, suits};
-use super::transport::{TiltLimits, TransportController, is_transport};
+use super::transport_controller::{TiltLimits, TransportController, is_transport};
 use super::vectored::{Vectored, vectored};
 use base::error::{Error, Result};
 use dynamics::tree::{Model, Multibody};
@@ -212,7 +212,7 @@ pub const REGISTRY: [ControllerEntry; 10] = [
 const STANDING: LqrWeights =
     LqrWeights { position: 0.7, swing: 4.0, acceleration: 4.0, preview: Some(0.0), reach: 0.4 };
 /// A little more than the platform asks for.
-const SEPARATION_OF_FRAMES: f64 = 1.01 * platform::SEPARATION;
+const SEPARATION_OF_FRAMES: f64 = 1.01 * platform_controller::SEPARATION;
 
 /// [`Vehicle::derived_gains`] with all poles `factor` times as fast.
 #[doc(hidden)]

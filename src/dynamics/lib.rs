@@ -7,7 +7,7 @@
 //! | `vehicle_file` | vehicles as TOML |
 //! | [`hover`] | attitude and thrusts at which force and moment vanish |
 //! | [`authority`] | what a vehicle's rotors can do: rank, weakest direction, axes that do not turn apart |
-//! | `oddities` | what of a vehicle's numbers is probably not meant |
+//! | `plausibility` | what of a vehicle's numbers is probably not meant |
 //! | [`gains`] | gains derived from inertia and motor lag |
 //! | [`rotor`] | one rotor: command, lag, wrench, and the table of its numbers |
 //! | `domain` | what a physical number may be |
@@ -24,7 +24,7 @@
 //! | [`aero`] | ground effect, downwash, wind |
 //! | [`batch`] | many environments in lanes |
 //! | [`shape`] | spheres, capsules and boxes: volume, inertia, pose |
-//! | `relief` | uneven ground: a slope with waves on it |
+//! | `uneven_ground` | uneven ground: a slope with waves on it |
 //! | `mesh` | triangle meshes and height fields, which are only seen |
 //! | [`scene`] | ground, gates and obstacles; distance to them |
 //! | [`sensors`] | what vehicles sense: parts with their errors, and rays at a scene |
@@ -53,11 +53,9 @@ pub mod integrate;
 pub(crate) mod mesh;
 #[doc(hidden)]
 pub mod multirotor;
-pub(crate) mod oddities;
 #[doc(hidden)]
 pub mod plant;
-#[doc(hidden)]
-pub mod relief;
+pub(crate) mod plausibility;
 #[doc(hidden)]
 pub mod rigid;
 #[doc(hidden)]
@@ -68,6 +66,8 @@ pub mod shape;
 #[doc(hidden)]
 pub mod spatial;
 pub mod tree;
+#[doc(hidden)]
+pub mod uneven_ground;
 pub mod urdf;
 #[doc(hidden)]
 pub mod vehicle;
@@ -82,10 +82,10 @@ pub use hover::HoverTrim;
 pub use integrate::Integrator;
 pub use mesh::Mesh;
 pub use multirotor::{Multirotor, Physics};
-pub use oddities::VehicleWarning;
 pub use plant::{Plant, Quantity};
-pub use relief::{GroundWave, UnevenGround};
+pub use plausibility::VehicleWarning;
 pub use rigid::{Disturbance, Effects, RigidModel, RigidState};
+pub use uneven_ground::{GroundWave, UnevenGround};
 pub use vehicle::*;
 
 /// Examples of the documentation name things as users of `omnidrones` do.

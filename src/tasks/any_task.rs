@@ -1,7 +1,7 @@
 //! What a task says about itself: it writes everything once, in its ideal state.
 
 use super::declare::{Ends, Goal, Loss, Writer};
-use super::env::begin::EpisodeStart;
+use super::env::episode_start::EpisodeStart;
 use super::robot::Robot;
 use super::settings::{Setting, filled};
 use super::start::{Start, StartOutput, StartScalar, Streams};

@@ -4,7 +4,7 @@
 //! [`default_controller`](controllers::registry::default_controller). All see the true state, the true masses of their episode (a free drone all its
 //! numbers) and what the task [tracks](super::Task::reference), and act on the rotors.
 
-use super::crew::BaselineControllers;
+use super::baseline_controllers::BaselineControllers;
 use super::env::{Buffers, Env};
 use super::robot::Robot;
 use super::task::TaskReference;

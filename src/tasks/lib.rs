@@ -129,11 +129,11 @@
 pub(crate) mod activity;
 pub(crate) mod any_task;
 pub(crate) mod baseline;
+pub(crate) mod baseline_controllers;
 #[doc(hidden)]
 pub mod bounds;
 #[doc(hidden)]
 pub mod config;
-pub(crate) mod crew;
 #[doc(hidden)]
 pub mod declare;
 #[doc(hidden)]
@@ -141,9 +141,9 @@ pub mod env;
 pub(crate) mod evaluate;
 #[doc(hidden)]
 pub mod groups;
+pub(crate) mod mass_groups;
 #[doc(hidden)]
 pub mod observation;
-pub(crate) mod physical;
 #[doc(hidden)]
 pub mod probe;
 #[doc(hidden)]

@@ -7,7 +7,7 @@
 //! start at the speed that carries the weight drawn. A curriculum takes a share of every change
 //! ([`Env::set_difficulty`](super::Env::set_difficulty)).
 
-use super::physical::{MOST_OF_OTHERS, MassGroup, flocks, settle};
+use super::mass_groups::{MOST_OF_OTHERS, MassGroup, flocks, settle};
 use super::robot::{Inertial, Robot};
 use super::start::{Draw, Draws, StartScalar};
 use base::error::{Error, Result, finite};

@@ -1,6 +1,6 @@
 //! What fails a flight however small its errors are: the ground, and a load that turned over; and what does not.
 
-use omnidrones::controllers::mishap::{FlightCheck, GRAZE, Mishap, judge};
+use omnidrones::controllers::flight_check::{FlightCheck, GRAZE, Mishap, judge};
 use omnidrones::controllers::reference::{Hover, Tilt, Waypoint, Waypoints};
 use omnidrones::controllers::{Flight, FlightPlan, Reference, Setup, default_controller, fly};
 use omnidrones::dynamics::spatial::{exponential, multiply};

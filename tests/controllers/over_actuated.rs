@@ -3,7 +3,7 @@
 //! Nominal physics, RK4 at 2 ms unless a test says otherwise.
 
 use omnidrones::controllers::allocation::{Axis, Solver};
-use omnidrones::controllers::platform::Directions;
+use omnidrones::controllers::platform_controller::Directions;
 use omnidrones::controllers::position::velocity_command;
 use omnidrones::controllers::reference::{Hover, Lemniscate, Step};
 use omnidrones::controllers::{

@@ -5,7 +5,7 @@ use crate::prelude::*;
 use omnidrones::controllers::registry::REGISTRY;
 use omnidrones::dynamics::Plant;
 use omnidrones_plot::{Figure, HeatMap};
-use omnidrones_studies::tracking::{
+use omnidrones_studies::ellipse_study::{
     ACCELERATIONS, COUNTED, PUBLISHED_OVER_ALL, SPEEDS, Tracking, TrackingCondition, TrackingFlight, TrackingRow,
     physics, quadrotor,
 };

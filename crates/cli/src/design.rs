@@ -6,8 +6,8 @@ mod report;
 use self::figures::Loops;
 use self::report::Subject;
 use super::arguments::{PlotArguments, WRITTEN};
-use super::plant_box::{self, PlantArguments};
 use super::robot::FlyerArguments;
+use super::robustness::{self, PlantArguments};
 use super::source::Source;
 use crate::prelude::*;
 use nalgebra::Complex;
@@ -147,7 +147,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     page.title(&source.vehicle.name, &source.origin);
     tell(&mut page, &gains_name, a, &found, stable);
     if let Some(plants) = &plants {
-        plant_box::tell(&mut page, plants);
+        robustness::tell(&mut page, plants);
     }
     page.written(&written);
     Ok(Report::page(&page, stable))

@@ -17,7 +17,7 @@ use super::failure::{FailureArguments, Story};
 use super::robot::{self, Robot};
 use super::source::{self, Source};
 use crate::prelude::*;
-use omnidrones::controllers::mishap::lowest_point;
+use omnidrones::controllers::flight_check::lowest_point;
 use omnidrones::controllers::reference::Lemniscate;
 use omnidrones::controllers::registry::{controller, steerable};
 use omnidrones::controllers::{

@@ -15,7 +15,7 @@
 //! | `fly/` | derivatives of what was flown; an earlier flight beside it; drops; verdicts; yaw meant in degrees |
 //! | `design/` | the figures of `design`, its report |
 //! | `report/` | `report` of single runs, and of folders of several |
-//! | `rows.rs` | rows of tables of runs, kept in files: what `train-all` and `study` train |
+//! | `run_table.rs` | rows of tables of runs, kept in files: what `train-all` and `study` train |
 //! | `study/` | the curves of a study; what it compares is in `omnidrones-studies` |
 //! | `source.rs` | a vehicle from a name, a TOML or a URDF |
 //! | `robot.rs` | what flies: a vehicle, a configuration, or a vehicle as one body |
@@ -52,17 +52,17 @@ mod models;
 mod npz;
 mod over_seeds;
 mod page;
-mod plant_box;
 mod prelude;
 mod progress;
 mod recover;
 mod replay;
 mod report;
 mod robot;
+mod robustness;
 mod rollout;
 mod rollout_all;
 mod rollout_files;
-mod rows;
+mod run_table;
 mod sheet;
 mod show;
 mod shown;

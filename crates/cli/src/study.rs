@@ -8,7 +8,7 @@ use super::html::{html, markdown};
 use super::over_seeds;
 use super::over_seeds::{Failure, shown, spread};
 use super::page::Block;
-use super::rows::{self, Row};
+use super::run_table::{self, Row};
 use crate::prelude::*;
 use omnidrones::parallel::Threads;
 use omnidrones::rl::TrainConfig;
@@ -98,7 +98,7 @@ struct Study {
 
 /// Trains what is asked for and missing, and tells all that is there.
 pub fn run(a: &Arguments) -> Result<Report> {
-    rows::check_budget(a.budget)?;
+    run_table::check_budget(a.budget)?;
     let threads = a.threads.threads()?;
     let plan = Plan::by_name(&a.name)?;
     let asked = plan.cells(&a.tasks, &a.algos, a.budget)?;
@@ -120,19 +120,19 @@ pub fn run(a: &Arguments) -> Result<Report> {
 /// What failed of a row, in words.
 fn train(cell: &Cell, seeds: u64, folder: &Path, threads: &Threads, bar: &indicatif::ProgressBar) -> Vec<String> {
     let name = format!("{} by {}", cell.config.task, cell.label());
-    match rows::train(&asked(cell, seeds), folder, threads, bar) {
+    match run_table::train(&asked(cell, seeds), folder, threads, bar) {
         Err(error) => vec![format!("{name}: {error}")],
         Ok(row) => row.failed.iter().map(|Failure { seed, why }| format!("{name}, seed {seed}: {why}")).collect(),
     }
 }
 
-fn asked(cell: &Cell, seeds: u64) -> rows::Asked<'_> {
-    rows::Asked { algorithm: &cell.algorithm, setting: &cell.setting, config: &cell.config, seeds }
+fn asked(cell: &Cell, seeds: u64) -> run_table::Asked<'_> {
+    run_table::Asked { algorithm: &cell.algorithm, setting: &cell.setting, config: &cell.config, seeds }
 }
 
 impl Told {
     fn read(cell: Cell, folder: &Path, seeds: u64) -> Result<Self> {
-        let row = rows::known(&asked(&cell, seeds), folder)?;
+        let row = run_table::known(&asked(&cell, seeds), folder)?;
         let curves = row.curves(folder);
         Ok(Self { cell, row, curves })
     }

@@ -5,7 +5,7 @@ use super::baseline::{FIGURES, compare, spec};
 use super::over_seeds;
 use super::over_seeds::{Failure, shown, spread};
 use super::rollout_all::told_errors;
-use super::rows::{self, MAX_ROW, Row};
+use super::run_table::{self, MAX_ROW, Row};
 use super::train_all_plot::{self, Learnt};
 use crate::prelude::*;
 use omnidrones::internals;
@@ -84,7 +84,7 @@ pub struct Line {
 /// Files of a folder that are called as rows are.
 fn row_files(folder: &Path) -> Vec<PathBuf> {
     let names = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
-    let mut files: Vec<PathBuf> = names.filter(|path| rows::is_row(path)).collect();
+    let mut files: Vec<PathBuf> = names.filter(|path| run_table::is_row(path)).collect();
     files.sort();
     files
 }
@@ -102,7 +102,7 @@ pub fn read(
 ) -> (Vec<Line>, Vec<String>) {
     let (mut rows, mut unread): (Vec<(&'static TaskEntry, Row)>, _) = (Vec::new(), Vec::new());
     for path in row_files(folder) {
-        match rows::read(&path).and_then(|row| Ok((registry::by_name(&row.task)?, row))) {
+        match run_table::read(&path).and_then(|row| Ok((registry::by_name(&row.task)?, row))) {
             Ok(row) => rows.push(row),
             Err(error) => unread.push(error.to_string()),
         }
@@ -161,7 +161,7 @@ impl Line {
 
 /// Trains them.
 pub fn run(a: &Arguments) -> Result<Report> {
-    rows::check_budget(a.budget)?;
+    run_table::check_budget(a.budget)?;
     let threads = a.threads.threads()?;
     let entries = match &a.tasks[..] {
         [] => REGISTRY.iter().collect(),
@@ -208,8 +208,8 @@ fn line(
     let config = TrainConfig::for_task(entry.name, Some(algorithm), None).map(|config| budgeted(config, a.budget));
     line.error = config.as_ref().ok().and_then(|config| spec(entry, config).ok()).map(|(_, error)| error);
     let train = |config: TrainConfig| {
-        let asked = rows::Asked { algorithm, setting: "", config: &config, seeds: a.seeds };
-        rows::train(&asked, folder, threads, bar)
+        let asked = run_table::Asked { algorithm, setting: "", config: &config, seeds: a.seeds };
+        run_table::train(&asked, folder, threads, bar)
     };
     line.row = config.and_then(train).map_err(|error| error.to_string());
     if let Ok(row) = &line.row {

@@ -13,7 +13,7 @@
 //! | `projection.rs` | space onto the page |
 //! | `chart.rs`, `path3d.rs`, `drawing.rs`, `bars.rs`, `heat_map.rs`, `picture.rs` | the six charts |
 //! | `animation.rs` | figures one after the other as a GIF |
-//! | `flight.rs`, `beside.rs` | the figures of a flight; two flights over each other |
+//! | `flight.rs`, `compare_flights.rs` | the figures of a flight; two flights over each other |
 //! | `sensors.rs` | what sensors read along a flight |
 //! | `model.rs`, `robot.rs` | an articulated system as a drawing; the figures of its flight or fall |
 //!
@@ -29,9 +29,9 @@
 pub mod animation;
 mod axis;
 mod bars;
-pub mod beside;
 mod canvas;
 mod chart;
+pub mod compare_flights;
 mod drawing;
 pub mod flight;
 mod font;

@@ -2,7 +2,7 @@
 
 use super::drawing::{Drawing, Item, Label};
 use super::{Colour, Figure};
-use omnidrones::controllers::mishap::lowest_point;
+use omnidrones::controllers::flight_check::lowest_point;
 use omnidrones::dynamics::Rotor;
 use omnidrones::dynamics::shape::{Geometry, Shape};
 use omnidrones::dynamics::spatial::{add, dot, from_matrix, mat_vec, matrix, multiply, scale, sub, transpose};

@@ -5,10 +5,10 @@
 //! |---|---|
 //! | [`plan`] | rows of tasks by algorithms that a study trains, and statements that they bear on |
 //! | [`verdict`] | whether a statement holds |
-//! | [`tracking`] | controllers on the 144 ellipses of a published comparison |
+//! | [`ellipse_study`] | controllers on the 144 ellipses of a published comparison |
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
+pub mod ellipse_study;
 pub mod plan;
-pub mod tracking;
 pub mod verdict;

@@ -5,7 +5,7 @@ use omnidrones::controllers::registry::{Setup, controller};
 use omnidrones::controllers::{FlightPlan, fly};
 use omnidrones::dynamics::Plant;
 use omnidrones::parallel::Threads;
-use omnidrones_studies::tracking::{Tracking, TrackingCondition, physics, quadrotor, rates};
+use omnidrones_studies::ellipse_study::{Tracking, TrackingCondition, physics, quadrotor, rates};
 
 #[test]
 fn sixty_three_of_the_hundred_and_forty_four_references_are_within_the_rotors_limits() {

@@ -3,9 +3,9 @@
 
 use super::MAX_STEPS;
 use crate::custom::Operation;
+use crate::fast_hash::QuickMap;
 use crate::polynomials::*;
 use crate::program::{self, InstructionKind, Op, Source, Tape, Value, ValueForm};
-use crate::quick::QuickMap;
 use std::f64::consts::{FRAC_2_PI, FRAC_PI_2, FRAC_PI_4, LOG2_E, PI};
 use std::sync::Arc;
 

@@ -1,7 +1,7 @@
 //! Which functions are called, and which are computed where they are called. Bits do not depend on it: fusions were decided inside.
 
 use super::value::{CallOf, Callee, Instruction, InstructionKind, Op, Value, ValueForm};
-use crate::quick::QuickMap;
+use crate::fast_hash::QuickMap;
 use std::collections::HashMap;
 use std::sync::Arc;
 

@@ -4,7 +4,7 @@
 
 use super::function::Function;
 use crate::custom::Operation;
-use crate::quick::QuickMap;
+use crate::fast_hash::QuickMap;
 use std::cell::RefCell;
 use std::collections::HashMap;
 use std::sync::Arc;

@@ -2,7 +2,7 @@
 //! what lowers it and climbs it; the gains that come out have passed the whole gate.
 
 use super::margin_gate::{Corner, Flown, MarginGate};
-use super::plan::TunePlan;
+use super::tune_plan::TunePlan;
 use super::tuned_loop::gains_of;
 use base::error::Result;
 use base::parallel::Threads;

@@ -4,7 +4,7 @@
 //! |---|---|
 //! | [`riccati`] | Riccati and Lyapunov equations by doubling |
 //! | [`error_state`] | linearisations without the redundancy of quaternions |
-//! | `held_out` | how tuned gains fare where they were not tuned |
+//! | `gain_evaluation` | how tuned gains fare where they were not tuned |
 //! | [`loop_model`] | the linear model of a loop that is flown, its margins at any point |
 //! | `margin_constraint` | such a gate while gains are tuned |
 //! | [`margin_gate`] | what a controller has to bear: margins in winds, on plants not as believed |
@@ -15,18 +15,18 @@
 //! | [`mod@robustness`] | a box of plants: the share of stable ones, the least margin in it |
 //! | `stability` | whether a loop settles, grows, or neither |
 //! | [`mod@trim`] | steady flights: hover, forward flight, turns, spins |
-//! | `plan`, [`mod@tune`] | what gains are tuned on; gains by descent on flights |
+//! | `tune_plan`, [`mod@tune`] | what gains are tuned on; gains by descent on flights |
 //! | `tuned_loop` | those flights: the loop over ln K, starts, plants |
 
 #[doc(hidden)]
 pub mod error_state;
 #[doc(hidden)]
-pub mod flight_grid;
+pub mod feed_forward;
 #[doc(hidden)]
-pub mod follow;
+pub mod flight_grid;
+mod gain_evaluation;
 #[doc(hidden)]
 pub mod gain_sensitivity;
-mod held_out;
 #[doc(hidden)]
 pub mod loop_model;
 #[doc(hidden)]
@@ -34,7 +34,6 @@ pub mod lqr;
 mod margin_constraint;
 #[doc(hidden)]
 pub mod margin_gate;
-mod plan;
 pub mod riccati;
 #[doc(hidden)]
 pub mod robustness;
@@ -43,11 +42,12 @@ mod stability;
 pub mod trim;
 #[doc(hidden)]
 pub mod tune;
+mod tune_plan;
 mod tuned_loop;
 
 pub use error_state::ErrorState;
+pub use feed_forward::{FeedForward, follow};
 pub use flight_grid::{FlightGrid, GridCell};
-pub use follow::{FeedForward, follow};
 pub use gain_sensitivity::{GainSensitivity, sensitivity};
 pub use loop_model::{AnalysisPoint, LoopMargins, LoopModel};
 pub use lqr::{FiniteHorizon, Regulator, bryson, finite_horizon, lqi, lqi_of, lqr, lqr_of};

@@ -11,12 +11,12 @@
 //! leaves out what lowers it and climbs it as well: its slope over ln K comes from differences at the corner that is worst, and the gains are the best of those
 //! that passed.
 
-use super::held_out::evaluate_along;
-pub use super::held_out::{CRASH_DISTANCE, GainEvaluation, elsewhere, evaluate};
+use super::gain_evaluation::evaluate_along;
+pub use super::gain_evaluation::{CRASH_DISTANCE, GainEvaluation, elsewhere, evaluate};
 use super::loop_model::LoopMargins;
 use super::margin_constraint::Constraint;
 use super::margin_gate::{Flown, MarginReport};
-pub use super::plan::{MAX_STARTS, TunePlan};
+pub use super::tune_plan::{MAX_STARTS, TunePlan};
 use super::tuned_loop::{LogGains, MeanSquaredError, TRAINING, gains_of, inputs, plant_of, starts};
 use crate::closed_loop::ClosedLoop;
 use crate::parameters::{GainSet, validate_gains};

@@ -4,7 +4,7 @@
 //! block fly plants of their own under the same gains.
 
 use super::margin_gate::Corner;
-use super::plan::TunePlan;
+use super::tune_plan::TunePlan;
 use crate::cascade_law::CascadeLaw;
 use crate::closed_loop::ClosedLoop;
 use crate::controller::Target;

@@ -1,6 +1,6 @@
 //! Parts and joints as a tree, or an error that names what is not one.
 
-use super::join::{JointKind, JointSpec, Servo, WORLD};
+use super::joint_spec::{JointKind, JointSpec, Servo, WORLD};
 use super::{Assembly, Solid};
 use base::error::{Error, Result, finite};
 use nalgebra::Vector3;

@@ -1,7 +1,7 @@
 //! The tree as bodies: welded parts merged, universal joints split, everything moved into the bodies' frames.
 
 use super::connect::Tree;
-use super::join::{JointKind, JointSpec};
+use super::joint_spec::{JointKind, JointSpec};
 use super::placement::{clean, rows, snap};
 use super::solid::combined;
 use super::{Assembly, Placement};

@@ -3,11 +3,11 @@
 //! | file | what |
 //! |---|---|
 //! | `solid` | one rigid part: shapes with a mass or density, a vehicle, or given mass properties |
-//! | `join` | how two parts are held together: joint, damping, spring, stops, servo |
+//! | `joint_spec` | how two parts are held together: joint, damping, spring, stops, servo |
 //! | `placement` | where one frame stands in another |
 //! | `connect` | parts and joints as a tree, or an error that names what is not one |
 //! | `emit` | the tree as bodies: welded parts merged, universal joints split |
-//! | `tune` | gains of servos and stops from the inertia that a joint feels |
+//! | `servo_gains` | gains of servos and stops from the inertia that a joint feels |
 //! | [`group`](mod@group) | several models as one |
 //!
 //! ```
@@ -31,13 +31,13 @@ mod connect;
 mod emit;
 #[doc(hidden)]
 pub mod group;
-pub(crate) mod join;
+pub(crate) mod joint_spec;
 pub(crate) mod placement;
+mod servo_gains;
 pub(crate) mod solid;
-mod tune;
 
 pub use group::{Member, group};
-pub use join::{JointKind, JointSpec, STOP_DISSIPATION, STOP_RATE, Servo, Stops, WORLD};
+pub use joint_spec::{JointKind, JointSpec, STOP_DISSIPATION, STOP_RATE, Servo, Stops, WORLD};
 pub use placement::Placement;
 pub use solid::{Solid, rod};
 
@@ -180,7 +180,7 @@ impl Assembly {
     pub fn model(&self) -> Result<Model> {
         let tree = connect::connect(self)?;
         let draft = emit::emit(self, &tree)?;
-        tune::tune(draft)
+        servo_gains::tune(draft)
     }
 
     fn label(&self) -> String {

@@ -12,9 +12,9 @@
 
 use super::closest::point_on_segment;
 use super::pairs::{capsule_capsule, corners, round, round_contact, segment, sphere_relief};
-use crate::relief::UnevenGround;
 use crate::shape::{Geometry, Pose};
 use crate::spatial::{Vec3, axpy, constants, cross, dot, mat_mul, mat_vec, matrix, scale, sub, transpose};
+use crate::uneven_ground::UnevenGround;
 use autodiff::{Mask, Scalar, safe};
 
 /// Steps of the golden section along a capsule: 0.618³² = 2e-7 of its length.

@@ -4,9 +4,9 @@
 //! them for two [`Geometry`]s with their poses.
 
 use super::closest::{direction, point_on_segment, points_of_segments};
-use crate::relief::UnevenGround;
 use crate::shape::{Geometry, Pose};
 use crate::spatial::{Mat3, Vec3, axpy, constants, mat_vec, sub, transpose};
+use crate::uneven_ground::UnevenGround;
 use autodiff::Scalar;
 
 /// Most points at which one pair touches: the corners of a box.

@@ -16,10 +16,10 @@
 //! Its triangles and their tree are shared by all environments and all placements; what differs is a pose and a scale.
 
 #[cfg(not(feature = "mesh"))]
-#[path = "absent.rs"]
+#[path = "bvh_stub.rs"]
 mod backend;
 #[cfg(feature = "mesh")]
-#[path = "present.rs"]
+#[path = "bvh.rs"]
 mod backend;
 #[cfg(feature = "mesh")]
 mod boxes;

@@ -1,11 +1,11 @@
 //! Claims about meshes, each with what was measured.
 
 use super::*;
-use crate::relief::{GroundWave, UnevenGround};
 use crate::scene::{Element, Obstacle, Scene};
 use crate::sensors::cast::{NOTHING, PinholeCamera, RangeLimits, RayCaster, RayScene, RayTarget, Rays};
 use crate::shape::{Geometry, Shape};
 use crate::spatial::add;
+use crate::uneven_ground::{GroundWave, UnevenGround};
 use rng::{Purpose, Stream};
 
 fn stream(which: u64) -> Stream {

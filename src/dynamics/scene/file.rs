@@ -3,7 +3,7 @@
 use super::{Gate, Generator, Obstacle, Scene};
 use crate::contact::ContactMaterial;
 use crate::mesh::{MeshTable, meshes};
-use crate::relief::UnevenGround;
+use crate::uneven_ground::UnevenGround;
 use crate::vehicle_file::in_file;
 use base::error::Result;
 use base::reader;

@@ -1,15 +1,15 @@
 //! Cameras: depth with the noise and holes of stereo, what is seen, surfaces, colours.
 
 use super::cast::{self, NOTHING, RangeLimits, RayScene, RayTarget, Rays};
+use super::context::{Readings, SensorContext};
 use super::device::{Channel, Device, KindSettings, ReadingLayout};
-use super::grain::SampleNoise;
+use super::gradient::ReadingRay;
 use super::lidar::MAX_BEAMS;
 use super::limits::within;
 use super::mount::Motion;
 use super::reading::{DistanceEncoding, MOST_LOST, check_count, is_lost};
+use super::sample_noise::SampleNoise;
 use super::shade;
-use super::sight::{Readings, SensorContext};
-use super::slope::ReadingRay;
 use crate::scene::Element;
 use crate::shape::Pose;
 use crate::spatial::rotate_back;

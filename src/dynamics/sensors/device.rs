@@ -1,7 +1,7 @@
 //! What every kind of sensor does.
 
+use super::context::SensorContext;
 use super::mount::Motion;
-use super::sight::SensorContext;
 use base::error::Result;
 use rng::Stream;
 use std::borrow::Cow;

@@ -1,10 +1,10 @@
 //! Sensors that tell where something is: satellite receiver and motion capture.
 
 use super::chain::{Dropout, ErrorModel, Errors};
+use super::context::SensorContext;
 use super::device::{Device, KindSettings};
 use super::limits::within;
 use super::mount::Motion;
-use super::sight::SensorContext;
 use crate::spatial::{exponential, multiply};
 use base::error::Result;
 use rng::Stream;

@@ -1,9 +1,9 @@
 //! Inertial measurement unit: accelerometer and gyroscope.
 
 use super::chain::{ErrorModel, Errors};
+use super::context::SensorContext;
 use super::device::{Device, KindSettings};
 use super::mount::Motion;
-use super::sight::SensorContext;
 use base::error::Result;
 use rng::Stream;
 use serde::{Deserialize, Serialize};

@@ -1,13 +1,13 @@
 //! The kinds of sensors, one line each.
 
 use super::camera::{Camera, CameraDevice, ImageType};
+use super::contact::{Contact, ContactDevice};
 use super::device::{Channel, Device, KindSettings, ReadingLayout};
-use super::field::{Barometer, BarometerDevice, Magnetometer, MagnetometerDevice};
 use super::gnss::{Gnss, GnssDevice, MotionCapture, MotionCaptureDevice};
-use super::ground::{Flow, FlowDevice, Range, RangeDevice};
 use super::inertial::{Imu, ImuDevice};
 use super::lidar::{Lidar, LidarDevice};
-use super::touch::{Contact, ContactDevice};
+use super::magnetometer_barometer::{Barometer, BarometerDevice, Magnetometer, MagnetometerDevice};
+use super::range_flow::{Flow, FlowDevice, Range, RangeDevice};
 use base::error::{Error, Result};
 use base::reader;
 use serde::Serialize;

@@ -1,13 +1,13 @@
 //! Lidars: distances along beams, in a grid or scattered.
 
 use super::cast::{RangeLimits, Rays};
+use super::context::{Readings, SensorContext};
 use super::device::{Channel, Device, KindSettings, ReadingLayout};
-use super::grain::SampleNoise;
+use super::gradient::ReadingRay;
 use super::limits::within;
 use super::mount::Motion;
 use super::reading::{DistanceEncoding, MOST_LOST, check_count, is_lost};
-use super::sight::{Readings, SensorContext};
-use super::slope::ReadingRay;
+use super::sample_noise::SampleNoise;
 use crate::shape::Pose;
 use crate::spatial::Vec3;
 use base::error::{Error, Result};

@@ -10,22 +10,22 @@
 //! | `chain` | the errors, the rate, the latency, dropouts |
 //! | `device` | what every kind of sensor does |
 //! | `inertial` | accelerometer and gyroscope |
-//! | `field` | magnetometer, barometer |
+//! | `magnetometer_barometer` | magnetometer, barometer |
 //! | `gnss` | satellite receiver, motion capture |
-//! | `ground` | range finder, and optical flow over level ground |
-//! | `touch` | forces of contact |
+//! | `range_flow` | range finder, and optical flow over level ground |
+//! | `contact` | forces of contact |
 //! | `lidar` | beams, in a grid or scattered |
 //! | `camera` | depth, what is seen, surfaces, colours; stereo's noise and holes |
 //! | `shade` | colours of what a camera sees |
 //! | `reading` | how distances are told |
-//! | `grain` | noise of many pixels |
-//! | `slope` | how readings change with the pose of their body |
-//! | `sight` | what looks, from where, at what |
+//! | `sample_noise` | noise of many pixels |
+//! | `gradient` | how readings change with the pose of their body |
+//! | `context` | what looks, from where, at what |
 //! | `solids` | bodies, and what stands around them, as rays hit them |
 //! | `kinds` | the kinds, one line each |
 //! | [`presets`] | real parts |
 //! | `limits`, `settings` | what numbers may be; `[[sensor]]` tables |
-//! | `aboard` | sensors on the bodies of a plant |
+//! | `onboard` | sensors on the bodies of a plant |
 //! | [`cast`] | rays: distances to a scene, pixel by pixel or beam by beam |
 //!
 //! A sensor draws from streams of its own, found from (seed, environment, episode, its name): what it reads depends on these,
@@ -50,51 +50,51 @@
 //! # Ok::<(), omnidrones::error::Error>(())
 //! ```
 
-mod aboard;
 mod camera;
 pub mod cast;
 mod chain;
+#[doc(hidden)]
+pub mod contact;
+mod context;
 mod device;
-mod field;
 mod gnss;
-mod grain;
-mod ground;
+mod gradient;
 mod inertial;
 mod kinds;
 mod lidar;
 mod limits;
+mod magnetometer_barometer;
 mod mount;
+mod onboard;
 #[doc(hidden)]
 pub mod presets;
+mod range_flow;
 mod reading;
+mod sample_noise;
 mod settings;
 mod shade;
-mod sight;
-mod slope;
 #[doc(hidden)]
 pub mod solids;
-#[doc(hidden)]
-pub mod touch;
 
-pub use aboard::OnboardSensors;
 pub use camera::{Camera, ImageType, Stereo};
 pub use cast::normal::RangeJacobian;
 pub use chain::{ErrorModel, PerAxis};
+pub use contact::Contact;
+pub use context::{RayScratch, SensorContext};
 pub use device::{Channel, ReadingLayout};
-pub use field::{Barometer, Magnetometer};
 pub use gnss::{Gnss, MotionCapture};
-pub use ground::{Flow, NoiseGrowth, Range};
+pub use gradient::SensorGradient;
 pub use inertial::Imu;
 pub use kinds::{KINDS, SensorKind, SensorModel};
 pub use lidar::{Lidar, Pattern};
+pub use magnetometer_barometer::{Barometer, Magnetometer};
 pub use mount::GroundTruth;
+pub use onboard::OnboardSensors;
 pub use presets::{Preset, preset};
+pub use range_flow::{Flow, NoiseGrowth, Range};
 pub use reading::DistanceEncoding;
 pub use settings::{SensorConfig, SensorFile};
-pub use sight::{RayScratch, SensorContext};
-pub use slope::SensorGradient;
 pub use solids::PosedShape;
-pub use touch::Contact;
 
 use super::plant::Quantity;
 use base::error::{Error, Result};
@@ -172,7 +172,7 @@ impl Sensor {
     }
 
     /// Reads after a step, or at the beginning of the episode, what [`channels`](Self::channels) names: of what stands in
-    /// `sight` too.
+    /// `context` too.
     pub fn step(&mut self, truth: &GroundTruth, sight: &mut SensorContext<'_>) -> &[f64] {
         if self.line.is_due() {
             let motion = self.mount.motion(truth);
@@ -417,6 +417,6 @@ impl SensorSet {
 }
 
 #[cfg(test)]
-mod looking_tests;
+mod ray_sensor_tests;
 #[cfg(test)]
 mod tests;

@@ -5,12 +5,12 @@
 
 use super::camera::{Camera, Stereo};
 use super::chain::{ErrorModel, PerAxis};
-use super::field::{Barometer, Magnetometer};
 use super::gnss::{Gnss, MotionCapture};
-use super::ground::{Flow, NoiseGrowth, Range};
 use super::inertial::Imu;
 use super::kinds::SensorModel;
 use super::lidar::{Lidar, Pattern};
+use super::magnetometer_barometer::{Barometer, Magnetometer};
+use super::range_flow::{Flow, NoiseGrowth, Range};
 use super::reading::DistanceEncoding;
 use PerAxis::{Each, Same};
 use base::error::{Error, Result};

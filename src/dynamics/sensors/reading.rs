@@ -1,6 +1,6 @@
 //! How distances are told, and what goes wrong with them.
 
-use super::grain::SampleNoise;
+use super::sample_noise::SampleNoise;
 use base::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 

@@ -1,9 +1,9 @@
 //! Settings of a sensor, as a `[[sensor]]` table of a TOML file.
 
+use super::gradient::SensorGradient;
 use super::kinds::{SensorKind, SensorModel};
 use super::limits::{positive, within};
 use super::presets::{Preset, preset};
-use super::slope::SensorGradient;
 use crate::spatial::{Quat, Vec3};
 use base::error::{Error, Result};
 use base::reader;

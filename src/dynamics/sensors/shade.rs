@@ -1,7 +1,7 @@
 //! Colours of what a camera sees: no photographs, but things that can be told apart.
 
 use super::cast::{RayTarget, Rays};
-use super::sight::SensorContext;
+use super::context::SensorContext;
 use crate::scene::Element;
 use crate::shape::Pose;
 use crate::spatial::{Vec3, axpy, dot};

@@ -710,7 +710,7 @@ fn every_setting_kind_and_preset_stands_in_the_document() {
             said(name.trim_end_matches(['x', 'y', 'z', 'w']).trim_end_matches(numbered));
         }
     }
-    for file in [include_str!("chain.rs"), include_str!("ground.rs"), include_str!("camera.rs")] {
+    for file in [include_str!("chain.rs"), include_str!("range_flow.rs"), include_str!("camera.rs")] {
         for name in ["ErrorModel", "Growth", "Stereo"] {
             base::documented::fields(file, name).iter().for_each(|(key, _)| said(key));
         }

@@ -13,7 +13,7 @@
 //! | `loads` | rotors, air, disturbance |
 //! | `wakes` | wakes of drones on each other and on loads |
 //! | `contact_loads` | contact forces |
-//! | `carrier` | a drone of a model as the vehicle that it is alone |
+//! | `drone_vehicle` | a drone of a model as the vehicle that it is alone |
 //! | `cable`, `cable_loads` | cables, and what they pull |
 //! | `jacobian` | mass matrix and Jacobians of a model alone |
 //! | `mobility` | how points give way, for what a step resolves of contacts and joints |
@@ -28,8 +28,8 @@ mod aba;
 pub(crate) mod analysis;
 mod cable;
 mod cable_loads;
-mod carrier;
 mod contact_loads;
+mod drone_vehicle;
 pub(crate) mod frames;
 #[cfg(test)]
 pub(crate) mod free_motion;
@@ -58,7 +58,7 @@ pub use analysis::{
 #[doc(hidden)]
 pub use analysis::{body_poses_into, contact_forces_with};
 pub use cable::{Cable, CableEnd, ROUND as CABLE_ROUND};
-pub use carrier::carrier;
+pub use drone_vehicle::carrier;
 pub use kinematics::FrameKinematics;
 pub use layout::{BodyPlace, Layout, TreePlace};
 pub use model::*;

@@ -7,8 +7,8 @@
 use super::cable::Cable;
 use crate::contact::ContactMaterial;
 use crate::mesh::Mesh;
-use crate::relief::UnevenGround;
 use crate::shape::Shape;
+use crate::uneven_ground::UnevenGround;
 use crate::vehicle::{Drag, Inertia, Rotor};
 use serde::{Deserialize, Serialize};
 

@@ -9,10 +9,10 @@ use super::model::{Body, BodyShape, Drive, IDENTITY, Model, Motion, root_of};
 use crate::contact::ContactMaterial;
 use crate::contact::material::Resolved;
 use crate::contact::pairs::{corners, segment};
-use crate::relief::UnevenGround;
 use crate::rigid::Effects;
 use crate::shape::{Geometry, Pose};
 use crate::spatial::{matrix, transpose};
+use crate::uneven_ground::UnevenGround;
 use std::f64::consts::PI;
 
 /// Axis of a hinge or slide in its joint's frame.

@@ -1,7 +1,7 @@
 //! Sixty-four environments: what they hold between steps, and the memory that a step works in.
 
-use super::begin::EpisodeStart;
 use super::draws::BlockDraws;
+use super::episode_start::EpisodeStart;
 use super::layout::Kept;
 use super::programs::Scratch;
 use super::residual::BaseController;

@@ -1,14 +1,14 @@
 //! What all environments of a batch share and a step only reads.
 
-use super::begin::{EpisodeStart, Plans};
 use super::block::{Columns, Sizes, Workspace};
 use super::control::Control;
 use super::draws::BlockDraws;
+use super::episode_start::{EpisodeStart, Plans};
+use super::info_columns::InfoColumns;
 use super::layout::EnvLayout;
 use super::programs::Programs;
 use super::residual::Residual;
 use super::sensing::SensorSetup;
-use super::told::InfoColumns;
 use super::transition::{StepLayout, transition};
 use crate::bounds::Bounds;
 use crate::config::Autoreset;

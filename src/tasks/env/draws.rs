@@ -1,7 +1,7 @@
 //! Draws of a block: those that a recorded start or event asks for, of many environments.
 
+use super::draw_plan::Plan;
 use super::mask::lanes_of;
-use super::plan::Plan;
 use crate::start::STREAMS;
 use autodiff::program::BLOCK;
 use rng::{Words, blocks};

@@ -9,19 +9,19 @@
 //! | `core` | what all environments share |
 //! | `layout` | where their numbers stand |
 //! | `phases` | a step, over recorded numbers |
-//! | `inside` | a step phase by phase, to look at |
+//! | `step_phases` | a step phase by phase, to look at |
 //! | `programs` | its phases as programs over rows |
 //! | `stepper` | sixty-four environments: programs, what stands between them, ends and restarts |
 //! | `control` | from an agent's numbers to rotor actions |
 //! | `residual` | controllers whose commands actions change |
 //! | `transform` | noise and statistics of observations |
-//! | `begin` | how episodes begin and what events do, over recorded numbers and draws |
-//! | `plan` | what is drawn for these |
+//! | `episode_start` | how episodes begin and what events do, over recorded numbers and draws |
+//! | `draw_plan` | what is drawn for these |
 //! | `draws` | draws of a block |
 //! | `restart` | episodes begin, goals change |
 //! | `sensing` | sensors of the agents |
-//! | `told` | which columns of information there are |
-//! | `rows` | columns of a block into rows of the caller |
+//! | `info_columns` | which columns of information there are |
+//! | `write_out` | columns of a block into rows of the caller |
 //! | `mask` | sets of environments of a block |
 //! | `normaliser` | statistics of observations: collect, freeze, merge |
 //! | `snapshot` | the exact state as bytes |
@@ -31,51 +31,52 @@
 //! | `single` | one environment, for newcomers |
 //! | `check` | whether an environment keeps its contract |
 
-pub(crate) mod begin;
 pub(crate) mod block;
 pub(crate) mod buffers;
 pub mod check;
 pub(crate) mod control;
 pub(crate) mod core;
+pub(crate) mod draw_plan;
 mod draws;
+pub(crate) mod episode_start;
 pub(crate) mod gradient;
-pub(crate) mod inside;
+mod info_columns;
 pub(crate) mod layout;
 mod limits;
 mod mask;
 mod normaliser;
 pub(crate) mod phases;
-pub(crate) mod plan;
 pub(crate) mod programs;
 pub(crate) mod residual;
 mod restart;
-mod rows;
 mod sensing;
 pub(crate) mod single;
 mod snapshot;
 pub(crate) mod spec;
+pub(crate) mod step_phases;
 mod stepper;
 #[cfg(test)]
 mod tests;
-mod told;
 pub(crate) mod transform;
 pub(crate) mod transition;
+mod write_out;
 
 pub use buffers::{Buffers, StepOut};
 pub use gradient::{Adjoint, Cotangents, Jacobian, Seeds, Sweep, SweepOptions, Tape};
-pub use inside::StepPhases;
 pub use normaliser::PendingStatistics;
 #[doc(hidden)]
 pub use normaliser::VARIANCE_FLOOR;
 pub use spec::{AgentWidths, Column, Info, Space, Spec};
+pub use step_phases::StepPhases;
 pub use transition::StepLayout;
 
-use self::begin::Plans;
 use self::block::{Columns, EnvBlock, Sizes, Workspace};
 use self::buffers::Span;
 use self::control::{Control, LATCHED_PER_AGENT};
 use self::core::Core;
+use self::episode_start::Plans;
 use self::gradient::BlockTape;
+use self::info_columns::InfoColumns;
 use self::layout::EnvLayout;
 use self::limits::{bytes_per_env, check_memory, out_bytes};
 use self::programs::Programs;
@@ -83,7 +84,6 @@ use self::residual::{Residual, check_reference};
 use self::sensing::SensorSetup;
 use self::spec::spec_of;
 use self::stepper::Stepper;
-use self::told::InfoColumns;
 use self::transition::{config_hash, exposed, ideal_terms, reference};
 use crate::any_task::declare;
 use crate::config::{EnvConfig, check_difficulty};

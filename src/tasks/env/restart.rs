@@ -1,11 +1,11 @@
 //! What happens to single environments of a block: episodes begin, goals change. What is recorded runs as a program over the draws of
 //! the host; what no recording can hold is done in `f64`, one environment after the other.
 
-use super::begin::EpisodeStart;
 use super::block::{beginning, episode_state, take};
 use super::core::Core;
+use super::draw_plan::Plan;
+use super::episode_start::EpisodeStart;
 use super::mask::lanes_of;
-use super::plan::Plan;
 use super::programs::{RowProgram, Scratch};
 use super::stepper::{Stepper, registers_of};
 use crate::start::{Streams, key_of_event, key_of_start, position_of_event};

@@ -18,8 +18,8 @@ use autodiff::program::BLOCK;
 use base::error::{Error, Result};
 use dynamics::frame::{FRAME, Frame};
 use dynamics::sensors::cast::RayScene;
+use dynamics::sensors::contact::check_contact;
 use dynamics::sensors::solids::{Solids, Surroundings};
-use dynamics::sensors::touch::check_contact;
 use dynamics::sensors::{self, GroundTruth, RayScratch, SensorConfig, SensorContext, SensorSet};
 use dynamics::tree::contact_forces_with;
 

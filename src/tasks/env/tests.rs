@@ -1,7 +1,7 @@
 //! What only shows from inside.
 
-use super::begin::EpisodeStart;
 use super::block::episode_state;
+use super::episode_start::EpisodeStart;
 use super::*;
 use crate::config::{Autoreset, MAX_HORIZON};
 use crate::registry::names;

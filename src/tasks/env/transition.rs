@@ -1,9 +1,9 @@
 //! One step of one environment as a recording, without restarts: the function that gradients are taken of. It gives the
 //! adjoint that runs in lanes; duals through the recording give Jacobians.
 
-use super::begin::EpisodeStart;
 use super::block::{episode_state, signal};
 use super::core::Core;
+use super::episode_start::EpisodeStart;
 use super::layout::{EnvLayout, Kept, Part};
 use super::phases::{Numbers, Step};
 use super::sensing::POSE;

@@ -4,7 +4,7 @@ use super::load::{Load, LoadSettings, Side};
 use super::transport_hover::TransportHover;
 use super::*;
 use crate::any_task::{Snapshot, declare};
-use crate::env::begin::EpisodeStart;
+use crate::env::episode_start::EpisodeStart;
 use crate::robot::{Inertial, Robot};
 use crate::task::BuiltIn;
 use crate::task_spec::total;

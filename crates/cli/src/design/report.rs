@@ -3,8 +3,8 @@
 use super::figures::{self, Loops};
 use super::{Arguments, Findings, loop_facts, margins_table, modes_table, reach, trim_facts};
 use crate::html::html;
-use crate::plant_box;
 use crate::prelude::*;
+use crate::robustness;
 use crate::sheet::{gains_table, key_facts};
 use crate::source::Source;
 use omnidrones::controllers::design::Robustness;
@@ -58,7 +58,7 @@ impl Subject<'_> {
             );
         }
         if let Some(plants) = self.plants {
-            plant_box::tell(&mut page, plants);
+            robustness::tell(&mut page, plants);
         }
         let plane = Figure::new("").size(1000.0, 500.0).grid(&[1.0, 1.0], &[1.0]);
         let plane = plane.place((0, 0), (1, 1), loops.nyquist(found)).place((1, 0), (1, 1), figures::poles(found));

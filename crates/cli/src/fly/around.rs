@@ -4,7 +4,7 @@ use super::Arguments;
 use crate::arguments::is_path;
 use crate::prelude::*;
 use omnidrones::controllers::Flight;
-use omnidrones::controllers::mishap::nearest_still;
+use omnidrones::controllers::flight_check::nearest_still;
 use omnidrones::dynamics::assembly::Member;
 use omnidrones::dynamics::configurations::environment;
 use omnidrones::dynamics::scene::{Generator, Scene};

@@ -3,7 +3,7 @@
 use crate::prelude::*;
 use omnidrones::flight::{FlightLog, FlightSummary};
 use omnidrones_plot::Figure;
-use omnidrones_plot::beside::{Named, beside};
+use omnidrones_plot::compare_flights::{Named, beside};
 
 /// What the new flight is called.
 const NEW: &str = "this flight";

@@ -1,11 +1,11 @@
 use super::*;
 use crate::assembly::{Assembly, Solid};
-use crate::relief::{GroundWave, UnevenGround};
 use crate::scene::{Forest, Rubble, Terrain};
 use crate::shape::Geometry;
 use crate::spatial::from_euler;
 use crate::tree::free_motion::{energy, run};
 use crate::tree::{Multibody, check_contact, check_start, contact_forces, model_parameters, separations};
+use crate::uneven_ground::{GroundWave, UnevenGround};
 use crate::{Effects, Integrator, Multirotor, Physics, World, vehicles};
 use autodiff::certificate::CertificateBounds;
 use autodiff::{System, certify};

@@ -1,9 +1,9 @@
 //! Smooth hills and hollows.
 
 use super::draw::{range, stream};
-use crate::relief::{GroundWave, UnevenGround};
 use crate::scene::Scene;
 use crate::shape::within;
+use crate::uneven_ground::{GroundWave, UnevenGround};
 use base::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;

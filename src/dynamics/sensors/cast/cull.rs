@@ -5,7 +5,7 @@
 
 use super::Eye;
 use super::pieces::{Grid, PieceBlock, capsule, cuboid, load, seen, turned};
-use super::world::{self, BoxBlock, CapsuleBlock, LANES, RayScene, Row};
+use super::ray_scene::{self, BoxBlock, CapsuleBlock, LANES, RayScene, Row};
 use crate::spatial::Vec3;
 use autodiff::lanes::Lanes;
 
@@ -127,7 +127,7 @@ impl Kept {
             let (place, key) = self.places[i];
             let from = place as usize;
             self.capsules[i / LANES].copy(i % LANES, &world.capsules.blocks[from / LANES], from % LANES);
-            self.capsule_ids.push(world::number(world::capsule_id(from)));
+            self.capsule_ids.push(ray_scene::number(ray_scene::capsule_id(from)));
             self.order.push(u64::from(key.to_bits()) << 32 | i as u64);
         }
     }
@@ -140,7 +140,7 @@ impl Kept {
             let (place, key) = self.places[i];
             let from = place as usize;
             self.boxes[i / LANES].copy(i % LANES, &world.boxes.blocks[from / LANES], from % LANES);
-            self.box_ids.push(world::number(world::box_id(from)));
+            self.box_ids.push(ray_scene::number(ray_scene::box_id(from)));
             self.order.push(u64::from(key.to_bits()) << 32 | BOX | i as u64);
         }
     }

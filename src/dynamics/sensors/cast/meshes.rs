@@ -3,7 +3,7 @@
 use super::cull::key;
 use super::pattern::Pattern;
 use super::pieces::seen;
-use super::world::{self, LANES, Placed};
+use super::ray_scene::{self, LANES, Placed};
 use super::{Eye, Tile, splat};
 use autodiff::lanes::Lanes;
 
@@ -35,7 +35,7 @@ pub(super) fn put<V: Pattern, const ALL: bool>(pattern: &V, placed: &Placed, eye
             let met = if ALL { mesh.nearest_of_all(origin, direction) } else { mesh.nearest(origin, direction, most) };
             let Some((t, k)) = met.map(|(t, k)| (t as f32, k)).filter(|(t, _)| *t < tile.range[lane]) else { continue };
             tile.range[lane] = t;
-            tile.id[lane] = world::number(placed.first + k);
+            tile.id[lane] = ray_scene::number(placed.first + k);
         }
     }
 }

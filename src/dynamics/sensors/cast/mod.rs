@@ -2,12 +2,12 @@
 //!
 //! | file | what |
 //! |---|---|
-//! | [`world`] | capsules, boxes, ground and meshes, as numbers for lanes |
+//! | [`ray_scene`] | capsules, boxes, ground and meshes, as numbers for lanes |
 //! | `pattern` | ground, then solid by solid, then readings: what images and scans share |
 //! | `cull` | which of them an eye can see, nearest first |
 //! | `pieces` | their numbers in the frame of the eye, and the tiles of an image that they can touch |
 //! | `hit` | the ray's number at which it enters a solid |
-//! | [`tiles`] | depth images: 4×4 pixels at a time |
+//! | [`pinhole`] | depth images: 4×4 pixels at a time |
 //! | [`packets`] | rays of any directions: sixteen at a time |
 //! | [`normal`] | normals of hits, and the derivative of a range in the sensor's pose |
 //! | `uneven` | the first place where a ray meets hills |
@@ -41,28 +41,28 @@ pub mod normal;
 pub mod packets;
 mod pattern;
 mod pieces;
+#[doc(hidden)]
+pub mod pinhole;
+#[doc(hidden)]
+pub mod ray_scene;
 #[cfg(test)]
 mod reference;
 #[cfg(test)]
 mod tests;
-#[doc(hidden)]
-pub mod tiles;
 mod uneven;
 #[cfg(test)]
 mod uneven_tests;
-#[doc(hidden)]
-pub mod world;
 
 pub use packets::Rays;
-pub use tiles::PinholeCamera;
-pub(crate) use world::MAX_TRIANGLES;
-pub use world::{GROUND, NOTHING, RayScene, RayTarget};
+pub use pinhole::PinholeCamera;
+pub(crate) use ray_scene::MAX_TRIANGLES;
+pub use ray_scene::{GROUND, NOTHING, RayScene, RayTarget};
 
 use crate::shape::{MAX_SIZE, Pose};
 use crate::spatial::{Vec3, matrix, unit};
 use autodiff::lanes::Lanes;
 use base::error::{Error, Result, finite};
-use world::LANES;
+use ray_scene::LANES;
 
 /// Between which distances a sensor gives a reading, m.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -157,7 +157,7 @@ impl RayCaster {
 impl Tile {
     /// Sixteen misses.
     fn missed(most: f32) -> Self {
-        Self { range: [most; LANES], id: [world::number(NOTHING); LANES] }
+        Self { range: [most; LANES], id: [ray_scene::number(NOTHING); LANES] }
     }
 }
 
@@ -177,7 +177,7 @@ impl Eye {
         let m = matrix(unit(pose.attitude));
         let axes: [[f32; 3]; 3] = std::array::from_fn(|k| std::array::from_fn(|i| m[i][k] as f32));
         let position = pose.position.map(|x| x as f32);
-        let sound = squared > 1e-6 && squared < 1e6 && position.iter().all(|x| x.abs() <= world::FARTHEST);
+        let sound = squared > 1e-6 && squared < 1e6 && position.iter().all(|x| x.abs() <= ray_scene::FARTHEST);
         sound.then_some(Self { position, axes })
     }
 

@@ -12,7 +12,7 @@
 //! on its slope: |n·d| is held at [`GRAZING`] of ‖d‖ or above. Misses have slope 0. At silhouettes the range jumps, which no slope
 //! tells: the gradient of an image in the pose is biased by what its edges sweep.
 
-use super::world::{LANES, RayScene, Solid, solid};
+use super::ray_scene::{LANES, RayScene, Solid, solid};
 use crate::shape::Pose;
 use crate::spatial::{Vec3, axpy, cross, dot, rotate, rotate_back, scale, sub};
 

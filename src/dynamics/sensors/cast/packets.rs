@@ -7,7 +7,7 @@ use super::cull::View;
 use super::hit::{N_NUMBER, Piece};
 use super::pattern::{OnePiece, Pattern, largest, nearer};
 use super::pieces::{Grid, widened};
-use super::world::{self, GROUND, LANES, NOTHING, RayScene, Row};
+use super::ray_scene::{self, GROUND, LANES, NOTHING, RayScene, Row};
 use super::{RangeLimits, RayCaster, Tile, dot, fused, splat};
 use crate::shape::Pose;
 use crate::spatial::Vec3;
@@ -218,7 +218,7 @@ impl Pattern for Rays {
             tiles.fill(Tile::missed(self.range.most as f32));
             return;
         }
-        let (most, id) = (splat::<L>(self.range.most as f32), splat::<L>(world::number(GROUND)));
+        let (most, id) = (splat::<L>(self.range.most as f32), splat::<L>(ray_scene::number(GROUND)));
         let up = [splat::<L>(up[0]), splat(up[1]), splat(up[2])];
         for i in 0..self.directions.len() {
             let mut at = 0;
@@ -226,7 +226,7 @@ impl Pattern for Rays {
                 let t = splat::<L>(-height) / form(&self.directions[i], at, &up);
                 let hit = L::zero().lt(t).and(t.lt(most));
                 L::select(hit, t, most).store(&mut tiles[i].range[at..]);
-                L::select(hit, id, splat(world::number(NOTHING))).store(&mut tiles[i].id[at..]);
+                L::select(hit, id, splat(ray_scene::number(NOTHING))).store(&mut tiles[i].id[at..]);
                 at += L::WIDTH;
             }
         }
@@ -274,12 +274,12 @@ impl Pattern for Rays {
         for i in 0..whole.len() {
             whole[i] = tiles[i].range;
             for k in 0..LANES {
-                whole_ids[i][k] = world::id(tiles[i].id[k]);
+                whole_ids[i][k] = ray_scene::id(tiles[i].id[k]);
             }
         }
         for k in 0..last.len() {
             last[k] = tiles[whole.len()].range[k];
-            last_ids[k] = world::id(tiles[whole.len()].id[k]);
+            last_ids[k] = ray_scene::id(tiles[whole.len()].id[k]);
         }
     }
 }

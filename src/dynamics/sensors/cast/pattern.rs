@@ -3,7 +3,7 @@
 use super::cull::{BOX, View};
 use super::hit::{Ball, Cuboid, N_NUMBER, Piece, Side};
 use super::pieces::PieceBlock;
-use super::world::{self, LANES, NOTHING, RayScene};
+use super::ray_scene::{self, LANES, NOTHING, RayScene};
 use super::{Eye, RangeLimits, RayCaster, Tile, meshes, splat, uneven};
 use crate::shape::Pose;
 use crate::spatial::Vec3;
@@ -189,7 +189,7 @@ pub(super) fn drop_near<L: Lanes>(range: RangeLimits, tiles: &mut [Tile]) {
             let (t, id) = (L::load(&tiles[i].range[at..]).abs(), L::load(&tiles[i].id[at..]).abs());
             let near = t.lt(least);
             L::select(near, most, t).store(&mut tiles[i].range[at..]);
-            L::select(near, splat(world::number(NOTHING)), id).store(&mut tiles[i].id[at..]);
+            L::select(near, splat(ray_scene::number(NOTHING)), id).store(&mut tiles[i].id[at..]);
             at += L::WIDTH;
         }
     }

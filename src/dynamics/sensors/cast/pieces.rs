@@ -5,7 +5,7 @@
 //! the distance and a hundredth of a pixel.
 
 use super::hit::N_NUMBER;
-use super::world::{BoxBlock, CapsuleBlock, LANES, Row};
+use super::ray_scene::{BoxBlock, CapsuleBlock, LANES, Row};
 use super::{Eye, dot, fused, splat};
 use crate::spatial::Vec3;
 use autodiff::Mask;

@@ -1,6 +1,6 @@
 //! One ray after the other, against one solid after the other, in `f64` and by other equations: what lanes are compared with.
 
-use super::world::{self, GROUND, LANES, NOTHING, RayScene};
+use super::ray_scene::{self, GROUND, LANES, NOTHING, RayScene};
 use crate::shape::Pose;
 use crate::spatial::{Vec3, axpy, dot, rotate, sub, unit};
 
@@ -17,11 +17,11 @@ pub(super) fn nearest(world: &RayScene, o: Vec3<f64>, d: Vec3<f64>) -> (f64, u32
     }
     for i in 0..world.capsules.len() {
         let (base, axis, length, radius) = capsule(world, i);
-        try_one(into_capsule(o, d, base, axis, length, radius), world::capsule_id(i));
+        try_one(into_capsule(o, d, base, axis, length, radius), ray_scene::capsule_id(i));
     }
     for i in 0..world.boxes.len() {
         let (center, axes, half) = cuboid(world, i);
-        try_one(into_box(o, d, center, axes, half), world::box_id(i));
+        try_one(into_box(o, d, center, axes, half), ray_scene::box_id(i));
     }
     best
 }

@@ -560,7 +560,7 @@ fn limits_name_value_limit_and_remedy() {
         assert!(error.is_limit() || error.is_value(), "{text}");
     }
     let mut world = RayScene::default();
-    for _ in 0..world::MAX_SOLIDS {
+    for _ in 0..ray_scene::MAX_SOLIDS {
         world.push_capsule([[0.0; 3]; 2], 1.0, 0).unwrap();
     }
     let error = world.push_capsule([[0.0; 3]; 2], 1.0, 0).unwrap_err();

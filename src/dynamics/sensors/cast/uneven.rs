@@ -12,7 +12,7 @@
 //! it the second is a step of Newton's. Rays begin where they sink below the highest crest there can be, and end where they rise above it.
 
 use super::pattern::Pattern;
-use super::world::{self, GROUND, LANES, NOTHING, RayScene};
+use super::ray_scene::{self, GROUND, LANES, NOTHING, RayScene};
 use super::{Eye, Tile, dot, fused, splat};
 use crate::spatial::Vec3;
 use autodiff::Mask;
@@ -69,7 +69,7 @@ impl Hills {
 #[inline(always)]
 pub(super) fn put<L: Lanes, V: Pattern>(pattern: &V, hills: &Hills, tiles: &mut [Tile]) {
     let most = splat::<L>(pattern.range().most as f32);
-    let (ground, nothing) = (splat::<L>(world::number(GROUND)), splat::<L>(world::number(NOTHING)));
+    let (ground, nothing) = (splat::<L>(ray_scene::number(GROUND)), splat::<L>(ray_scene::number(NOTHING)));
     for i in 0..tiles.len() {
         let mut at = 0;
         while at < LANES {

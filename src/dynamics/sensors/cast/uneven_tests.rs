@@ -2,9 +2,9 @@
 
 use super::tests::{any_camera, any_rays, attitude, decades, image, scan, stream, vector};
 use super::*;
-use crate::relief::{GroundWave, UnevenGround};
 use crate::scene::{Generator, Scene};
 use crate::spatial::{axpy, rotate};
+use crate::uneven_ground::{GroundWave, UnevenGround};
 use autodiff::lanes::{Set, with_set};
 use rng::Stream;
 

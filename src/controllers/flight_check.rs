@@ -13,9 +13,9 @@
 //! **Turned over** is a load, a body without rotors that carries the others or hangs last, that was upright at first and then leans by more than a right angle from
 //! upright, or from the roll and pitch that were asked of it: it hangs above what carries it, and nothing stays on it.
 
-pub use super::extent::{lowest_point, nearest_still};
+pub use super::collision_parts::{lowest_point, nearest_still};
 
-use super::extent::over;
+use super::collision_parts::over;
 use super::flight::Flight;
 use base::error::Result;
 use dynamics::configurations::environment::vehicle_in;

@@ -1,7 +1,7 @@
 //! Gains of servos and stops from the inertia that a joint feels at the rest pose.
 
 use super::emit::UntunedModel;
-use super::join::{JointSpec, STOP_DISSIPATION, STOP_RATE, Servo, Stops};
+use super::joint_spec::{JointSpec, STOP_DISSIPATION, STOP_RATE, Servo, Stops};
 use crate::multirotor::Physics;
 use crate::tree::*;
 use base::error::{Error, Result};

@@ -1,10 +1,10 @@
 //! What touches the body that carries it.
 
 use super::chain::{ErrorModel, Errors};
+use super::context::SensorContext;
 use super::device::{Device, KindSettings};
 use super::limits::within;
 use super::mount::Motion;
-use super::sight::SensorContext;
 use crate::plant::Plant;
 use base::defaults::with_defaults;
 use base::error::{Error, Result};

@@ -1,7 +1,7 @@
 //! What sensors that cast rays look at, and what they work with.
 
 use super::cast::{PinholeCamera, RayCaster, RayScene, Rays};
-use super::slope::ReadingRay;
+use super::gradient::ReadingRay;
 use super::solids::PosedShape;
 use crate::shape::Pose;
 

@@ -4,10 +4,10 @@
 //! lanes go over solids where the eye's frame is made, and over rays afterwards.
 
 use crate::mesh::{Mesh, PlacedMesh};
-use crate::relief::UnevenGround;
 use crate::scene::{Element, Scene};
 use crate::shape::{Geometry, Pose};
 use crate::spatial::{Vec3, add, matrix, rotate, scale, sub, unit};
+use crate::uneven_ground::UnevenGround;
 use base::error::{Error, Result};
 
 /// Solids of a block and rays of a packet: a multiple of every width of lanes.

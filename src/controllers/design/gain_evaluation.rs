@@ -1,7 +1,7 @@
 //! How gains fare on flights that [`tune`](mod@super::tune) never saw: other starts and plants, other references, elsewhere.
 
 use super::margin_gate::truth;
-use super::plan::TunePlan;
+use super::tune_plan::TunePlan;
 use super::tuned_loop::{HELD_OUT, MeanSquaredError, VehicleLoop, inputs, plant_of, starts};
 use crate::cascade_law::CascadeLaw;
 use crate::closed_loop::ClosedLoop;

@@ -1,10 +1,10 @@
 //! Sensors of fields that fill the world: magnetometer and barometer.
 
 use super::chain::{ErrorModel, Errors};
+use super::context::SensorContext;
 use super::device::{Device, KindSettings};
 use super::limits::{MAX_DISTANCE, within};
 use super::mount::Motion;
-use super::sight::SensorContext;
 use crate::spatial::{Vec3, rotate_back};
 use base::error::Result;
 use rng::Stream;

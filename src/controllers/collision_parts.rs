@@ -3,10 +3,10 @@
 //! A rotor without a radius counts as its hub; where a model has neither shapes nor rotors, the origins of its bodies count.
 
 use dynamics::contact::{self, distance};
-use dynamics::relief::UnevenGround;
 use dynamics::shape::{Geometry, Pose};
 use dynamics::spatial::{add, cross, dot, from_matrix, mat_vec, matrix, multiply, scale, transpose};
 use dynamics::tree::{self, Multibody, body_poses};
+use dynamics::uneven_ground::UnevenGround;
 use std::f64::consts::FRAC_PI_4;
 
 const UP: [f64; 3] = [0.0, 0.0, 1.0];

@@ -8,7 +8,7 @@ use super::cull::View;
 use super::hit::Piece;
 use super::pattern::{OnePiece, Pattern, largest, nearer};
 use super::pieces::{Grid, PieceBlock, widened};
-use super::world::{self, GROUND, LANES, NOTHING, RayScene, Row};
+use super::ray_scene::{self, GROUND, LANES, NOTHING, RayScene, Row};
 use super::{RangeLimits, RayCaster, Tile, fused, splat};
 use crate::shape::Pose;
 use crate::spatial::Vec3;
@@ -180,7 +180,7 @@ impl Pattern for PinholeCamera {
 
     #[inline(always)]
     fn ground<L: Lanes>(&self, height: f32, up: [f32; 3], tiles: &mut [Tile]) {
-        let (most, id) = (splat::<L>(self.range.most as f32), splat::<L>(world::number(GROUND)));
+        let (most, id) = (splat::<L>(self.range.most as f32), splat::<L>(ray_scene::number(GROUND)));
         let columns = self.grid.columns;
         for r in 0..self.grid.rows {
             let mut at = 0;
@@ -192,7 +192,7 @@ impl Pattern for PinholeCamera {
                     let t = splat::<L>(-height) / rising;
                     let hit = L::zero().lt(t).and(t.lt(most));
                     L::select(hit, t, most).store(&mut tile.range[at..]);
-                    L::select(hit, id, splat(world::number(NOTHING))).store(&mut tile.id[at..]);
+                    L::select(hit, id, splat(ray_scene::number(NOTHING))).store(&mut tile.id[at..]);
                 }
                 at += L::WIDTH;
             }
@@ -263,12 +263,12 @@ impl Pattern for PinholeCamera {
             for c in 0..whole {
                 for k in 0..SIDE {
                     depths[c][k] = row[c].range[from + k];
-                    all_ids[c][k] = world::id(row[c].id[from + k]);
+                    all_ids[c][k] = ray_scene::id(row[c].id[from + k]);
                 }
             }
             for k in 0..last_depths.len() {
                 last_depths[k] = row[whole].range[from + k];
-                last_ids[k] = world::id(row[whole].id[from + k]);
+                last_ids[k] = ray_scene::id(row[whole].id[from + k]);
             }
         }
     }

@@ -5,11 +5,11 @@
 
 use super::cast::{self, GROUND, Rays};
 use super::chain::{ErrorModel, Errors};
+use super::context::{Readings, SensorContext};
 use super::device::{Device, KindSettings};
+use super::gradient::ReadingRay;
 use super::limits::{MAX_DISTANCE, within};
 use super::mount::Motion;
-use super::sight::{Readings, SensorContext};
-use super::slope::ReadingRay;
 use crate::shape::{MAX_SIZE, Pose};
 use crate::spatial::{Vec3, rotate_back, up_axis};
 use base::defaults::with_defaults;

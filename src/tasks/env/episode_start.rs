@@ -2,8 +2,8 @@
 
 use super::block::{beginning, episode_state};
 use super::core::Core;
+use super::draw_plan::{Plan, Planner};
 use super::phases::{Numbers, Step, number};
-use super::plan::{Plan, Planner};
 use crate::declare::Goal;
 use crate::randomise::Randomiser;
 use crate::robot::Robot;

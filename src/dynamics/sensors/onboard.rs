@@ -1,8 +1,8 @@
 //! Sensors on the bodies of a plant, read from its states.
 
 use super::cast::RayScene;
+use super::contact::check_contact;
 use super::solids::{Solids, Surroundings};
-use super::touch::check_contact;
 use super::{GroundTruth, RayScratch, SensorConfig, SensorContext, SensorModel, SensorSet};
 use crate::frame::{FRAME, Frame};
 use crate::plant::{Plant, Quantity};
