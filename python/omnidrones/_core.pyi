@@ -934,7 +934,7 @@ class Vehicle:
         As in tables and messages.
         """
     @property
-    def oddities(self, /) -> list[str]:
+    def warnings(self, /) -> list[str]:
         """
         What of its numbers is probably not meant: other units, an inertia that nobody gave, rotors that do not push up.
         """

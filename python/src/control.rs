@@ -9,7 +9,7 @@ use omnidrones::controllers::allocation::{Allocator, PrioritisedAllocator, Probl
 use omnidrones::controllers::design::{self, ErrorState, TrimTarget, TunePlan};
 use omnidrones::controllers::linear::{self, Signal};
 use omnidrones::controllers::registry::{Setup, controller};
-use omnidrones::controllers::{self, FlightCheck, FlightPlan, RotorFailure, default_controller, judge};
+use omnidrones::controllers::{self, FlightCheck, FlightPlan, RotorFailure, check_flight, default_controller};
 use omnidrones::dynamics::urdf::{ImportOptions, import_file};
 use omnidrones::dynamics::{self, Disturbance, Gains, Physics, Plant, configurations, vehicles};
 use omnidrones::error::Error;
@@ -48,7 +48,7 @@ fn read(named: &str) -> PyResult<(dynamics::Vehicle, Vec<String>)> {
     match extension.as_deref() {
         Some("toml") => {
             let vehicle = dynamics::Vehicle::from_toml_file(path).or_raise()?;
-            let odd = vehicle.oddities().iter().map(ToString::to_string).collect();
+            let odd = vehicle.warnings().iter().map(ToString::to_string).collect();
             Ok((vehicle, odd))
         }
         Some("urdf" | "xml") => {
@@ -137,8 +137,8 @@ impl Vehicle {
 
     /// What of its numbers is probably not meant: other units, an inertia that nobody gave, rotors that do not push up.
     #[getter]
-    fn oddities(&self) -> Vec<String> {
-        self.0.oddities().iter().map(ToString::to_string).collect()
+    fn warnings(&self) -> Vec<String> {
+        self.0.warnings().iter().map(ToString::to_string).collect()
     }
 
     fn __repr__(&self) -> String {
@@ -310,7 +310,7 @@ pub fn fly(
             None => default_controller(&plant, &setup)?,
         };
         let flight = controllers::fly_while(&plant, &mut *own, &plan, &mut |_| said.looks())?;
-        let judgement = judge(&plant, &flight, true)?;
+        let judgement = check_flight(&plant, &flight, true)?;
         Ok((flight, judgement))
     })?;
     Ok(Flight { flight, n_state: omnidrones::autodiff::System::n_state(&plant), judgement })

@@ -53,7 +53,7 @@ impl Layer {
 
     /// What is wrong with the merged settings since this layer came, in words of its own: line and column where the layer
     /// is a text that is wrong by itself, else the path of the key.
-    fn blame<T: DeserializeOwned>(&self, merged: &Fault) -> Error {
+    fn error_of_layer<T: DeserializeOwned>(&self, merged: &Fault) -> Error {
         let alone = self.text.as_ref().and_then(|text| Some((text, reader::of_table::<T>(&self.table).err()?)));
         match alone {
             // a part of a choice below lacks the rest by itself
@@ -87,7 +87,7 @@ pub fn read<T: DeserializeOwned>(base: Table, layers: &[Layer]) -> Result<T> {
     let (mut merged, mut settings) = (base, None);
     for layer in layers {
         merge(&mut merged, layer.table.clone());
-        settings = Some(reader::of_table(&merged).map_err(|fault| layer.blame::<T>(&fault))?);
+        settings = Some(reader::of_table(&merged).map_err(|fault| layer.error_of_layer::<T>(&fault))?);
     }
     match settings {
         Some(settings) => Ok(settings),

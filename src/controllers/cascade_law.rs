@@ -158,7 +158,7 @@ pub(super) fn write_latched<S: Scalar, const R: usize>(held: &CascadeMemory<S, R
     out.copy_from_slice(&padded[..out.len()]);
 }
 
-/// The inverse of [`write_held`]; missing rotors rest at −1.
+/// The inverse of [`write_latched`]; missing rotors rest at −1.
 #[inline]
 pub(super) fn read_latched<S: Scalar, const R: usize>(x: &[S]) -> CascadeMemory<S, R> {
     let mut padded = [-S::one(); MAX_LATCHED];

@@ -12,7 +12,7 @@ use autodiff::safe;
 use base::error::{Error, Result};
 use base::memory::Request;
 use dynamics::aero::wind::{Wind, WindState};
-use dynamics::batch::EXPLODED;
+use dynamics::batch::DIVERGED_ABOVE;
 use dynamics::rotor::commanded_speed;
 use dynamics::sensors::{OnboardSensors, ReadingLayout, Sensor, SensorConfig};
 use dynamics::spatial::{Mat3, from_matrix, to_euler};
@@ -329,7 +329,7 @@ fn flown(
             log.asked_angles.push(angles(target.orientation(time).attitude));
         }
         states.extend_from_slice(&x);
-        if next.iter().any(|v| !safe::is_bounded(*v, EXPLODED)) {
+        if next.iter().any(|v| !safe::is_bounded(*v, DIVERGED_ABOVE)) {
             diverged_at = Some(time + dt);
             break;
         }

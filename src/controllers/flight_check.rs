@@ -97,7 +97,7 @@ pub struct FlightCheck {
 ///
 /// # Errors
 /// As [`vehicle_in`].
-pub fn judge(plant: &Plant, flight: &Flight, ground: bool) -> Result<FlightCheck> {
+pub fn check_flight(plant: &Plant, flight: &Flight, ground: bool) -> Result<FlightCheck> {
     let bodies = bodies_of(plant)?;
     let heights: Vec<f64> =
         flight.states.chunks_exact(bodies.rest_state().len()).map(|row| height(&bodies, row)).collect();

@@ -134,7 +134,7 @@ pub use confidence::{Proportion, Quantile, clopper_pearson};
 pub use controller::{Controller, Measurement, Note, Passive, Target};
 pub use fault_tolerant::FaultTolerant;
 pub use flight::{Flight, FlightPlan, SmoothPoint, fly, fly_from, fly_vehicle, fly_while};
-pub use flight_check::{FlightCheck, Mishap, judge};
+pub use flight_check::{FlightCheck, Mishap, check_flight};
 pub use formation::{FormationController, FormationLaw};
 pub use hover_axes::HoverAxes;
 pub use hover_feedback::{HoverFeedback, HoverWeights};

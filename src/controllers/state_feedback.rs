@@ -23,7 +23,7 @@
 
 use super::cascade::{Cascade, CascadeModel, RateDivisors, Rates};
 use super::controller::{Controller, Measurement, Target};
-use super::design::{ErrorState, FeedForward, Regulator, bryson, follow, lqr_of};
+use super::design::{ErrorState, FeedForward, Regulator, bryson, feed_forward, lqr_of};
 use super::kinematics::Kinematics;
 use super::linear::spectral_radius;
 use super::load_flatness::LoadFlatness;
@@ -181,7 +181,7 @@ impl Lqr {
         let regulator = lqr_of(&errors.signals(&Plant::Tree(system.clone())), &a, &b, &q, &r)?;
         let period = cascade.schedule.every[0] as f64 * system.physics().dt;
         let position = DMatrix::identity(3, errors.n_error());
-        let following = follow(&a, &b, &position, period, N_FORWARD / 3)?;
+        let following = feed_forward(&a, &b, &position, period, N_FORWARD / 3)?;
         let falls = spectral_radius(&a)? > FALLS;
         let preview = weights.preview.unwrap_or(if falls { AHEAD } else { 0.0 });
         let nearest = nearest(&regulator.cost)?;

@@ -84,12 +84,12 @@ impl Vehicle {
     /// ```
     /// # use omnidrones_dynamics::omnidrones;
     /// let mut vehicle = omnidrones::dynamics::vehicles::by_name("iris")?;
-    /// assert!(vehicle.oddities().is_empty());
+    /// assert!(vehicle.warnings().is_empty());
     /// vehicle.parts.iter_mut().for_each(|part| part.mass *= 1000.0);
-    /// assert!(vehicle.oddities()[0].remedy.starts_with("Read as grams, 1.52 kg."));
+    /// assert!(vehicle.warnings()[0].remedy.starts_with("Read as grams, 1.52 kg."));
     /// # Ok::<(), omnidrones::error::Error>(())
     /// ```
-    pub fn oddities(&self) -> Vec<VehicleWarning> {
+    pub fn warnings(&self) -> Vec<VehicleWarning> {
         let mut found = Vec::new();
         match (arm(self), size(self)) {
             (_, Some(odd)) => found.push(odd),
@@ -358,7 +358,7 @@ mod tests {
 
     /// The one oddity.
     fn only(vehicle: &Vehicle) -> VehicleWarning {
-        let found = vehicle.oddities();
+        let found = vehicle.warnings();
         assert!(found.len() == 1, "{}: {found:#?}", vehicle.name);
         found[0].clone()
     }
@@ -366,7 +366,7 @@ mod tests {
     #[test]
     fn no_built_in_vehicle_is_odd() {
         for vehicle in vehicles::all().iter().chain(&merged()) {
-            assert!(vehicle.oddities().is_empty(), "{}: {:?}", vehicle.name, vehicle.oddities());
+            assert!(vehicle.warnings().is_empty(), "{}: {:?}", vehicle.name, vehicle.warnings());
         }
     }
 
@@ -425,7 +425,7 @@ mod tests {
                 let mut made_up = vehicle.clone();
                 made_up.parts[0].inertia = Inertia::diagonal(moment, moment, moment);
                 let near = within([1.0 / PLACEHOLDER, PLACEHOLDER], moment / usual);
-                let told = made_up.oddities().iter().any(|odd| odd.rule.contains("where nobody gave an inertia"));
+                let told = made_up.warnings().iter().any(|odd| odd.rule.contains("where nobody gave an inertia"));
                 assert_eq!(told, !near, "{}: {moment} for {usual}", vehicle.name);
             }
         }
@@ -490,7 +490,7 @@ mod tests {
                 rotor.position = (turn * Vector3::from(rotor.position)).into();
             }
             let up = turn * Vector3::z();
-            let told = lying.oddities().into_iter().find(|odd| odd.rule.starts_with("the rotors push along"));
+            let told = lying.warnings().into_iter().find(|odd| odd.rule.starts_with("the rotors push along"));
             assert_eq!(told.is_some(), up.z <= LEAST_UP, "{up:?}");
             let Some(told) = told else { continue };
             let angles = told.remedy.split('"').nth(1).unwrap().split(' ').map(|word| word.parse::<f64>().unwrap());

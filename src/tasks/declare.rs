@@ -16,12 +16,12 @@ use std::ops::{Deref, DerefMut};
 pub struct Writer<S = Trace> {
     fields: Vec<Field>,
     numbers: Vec<S>,
-    is_deaf: bool,
+    is_muted: bool,
 }
 
 impl<S> Default for Writer<S> {
     fn default() -> Self {
-        Self { fields: Vec::new(), numbers: Vec::new(), is_deaf: false }
+        Self { fields: Vec::new(), numbers: Vec::new(), is_muted: false }
     }
 }
 
@@ -53,7 +53,7 @@ impl<S> Writer<S> {
     }
 
     fn describe(&mut self, describe: impl FnOnce(&mut Field)) -> &mut Self {
-        if !self.is_deaf {
+        if !self.is_muted {
             describe(self.open());
         }
         self
@@ -72,7 +72,7 @@ impl<S> Writer<S> {
 
     /// The numbers to come are a field of this name, unit (with the frame) and meaning.
     pub fn field(&mut self, name: &'static str, unit: &'static str, meaning: &'static str) -> &mut Self {
-        if !self.is_deaf {
+        if !self.is_muted {
             self.fields.push(Field::new(name, 0, unit, meaning));
         }
         self
@@ -131,9 +131,9 @@ impl<S> Writer<S> {
 
     /// Numbers that are parts of the field that is open, whatever `write` calls them.
     pub fn unnamed(&mut self, write: impl FnOnce(&mut Self)) {
-        let was_deaf = std::mem::replace(&mut self.is_deaf, true);
+        let was_muted = std::mem::replace(&mut self.is_muted, true);
         write(self);
-        self.is_deaf = was_deaf;
+        self.is_muted = was_muted;
     }
 }
 

@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, RealField, convert};
 use num_dual::Dual64;
 use omnidrones::autodiff::{System, linearise};
-use omnidrones::controllers::design::{ErrorState, bryson, finite_horizon, follow, lqi, lqr, riccati};
+use omnidrones::controllers::design::{ErrorState, bryson, feed_forward, finite_horizon, lqi, lqr, riccati};
 use omnidrones::controllers::linear::spectral_radius;
 use omnidrones::controllers::reference::{Hover, Lemniscate, Step};
 use omnidrones::controllers::{
@@ -184,7 +184,7 @@ fn what_cannot_be_stabilised_is_named_with_a_remedy() {
 #[test]
 fn following_a_polynomial_needs_no_feedback() {
     let [a, b] = double_integrator::<f64>(0.1);
-    let found = follow(&a, &b, &Matrix::from_row_slice(1, 2, &[1.0, 0.0]), 0.1, 3).expect("followed");
+    let found = feed_forward(&a, &b, &Matrix::from_row_slice(1, 2, &[1.0, 0.0]), 0.1, 3).expect("followed");
     let mut z = Matrix::from_column_slice(3, 1, &[0.3, -0.2, 0.5]);
     let mut x = &found.state * &z;
     for _ in 0..100 {

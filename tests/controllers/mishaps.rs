@@ -1,6 +1,6 @@
 //! What fails a flight however small its errors are: the ground, and a load that turned over; and what does not.
 
-use omnidrones::controllers::flight_check::{FlightCheck, GRAZE, Mishap, judge};
+use omnidrones::controllers::flight_check::{FlightCheck, GRAZE, Mishap, check_flight};
 use omnidrones::controllers::reference::{Hover, Tilt, Waypoint, Waypoints};
 use omnidrones::controllers::{Flight, FlightPlan, Reference, Setup, default_controller, fly};
 use omnidrones::dynamics::spatial::{exponential, multiply};
@@ -28,7 +28,7 @@ fn still(plant: &Plant, height: f64, yaw: f64) -> Flight {
 }
 
 fn judged(plant: &Plant, flight: &Flight) -> FlightCheck {
-    judge(plant, flight, true).unwrap()
+    check_flight(plant, flight, true).unwrap()
 }
 
 /// The flight with its last state, of every root, lowered by `by`, while the reference stays.
@@ -62,7 +62,7 @@ fn below_the_ground_by_more_than_a_graze_fails_whatever_flies_and_however_it_is_
                     other => panic!("{}: {other:?}", plant.name()),
                 }
             }
-            assert!(judge(&plant, &lowered(&plant, &flight, 50.0), false).unwrap().mishaps.is_empty());
+            assert!(check_flight(&plant, &lowered(&plant, &flight, 50.0), false).unwrap().mishaps.is_empty());
         }
     }
 }

@@ -195,7 +195,7 @@ fn assert_drafted(path: &Path) {
     assert_eq!(vehicle.n_rotor(), if name.starts_with("hexa") { 6 } else { 4 }, "{name}");
     assert!(vehicle.thrust_to_weight() > 2.2, "{name}: {}", vehicle.thrust_to_weight());
     assert!(unbalance(&vehicle) < 1e-12, "{name}");
-    assert!(vehicle.oddities().is_empty(), "{name}: {:?}", vehicle.oddities());
+    assert!(vehicle.warnings().is_empty(), "{name}: {:?}", vehicle.warnings());
 }
 
 #[test]
@@ -327,7 +327,7 @@ mod by_others {
                 assert!(!line.contains('\n'), "{name}: {line}");
                 println!("{line}");
             }
-            assert!(vehicle.oddities().is_empty(), "{name}: {:?}", vehicle.oddities());
+            assert!(vehicle.warnings().is_empty(), "{name}: {:?}", vehicle.warnings());
             assert_eq!(vehicle.name, name);
             assert_eq!(vehicle.n_rotor(), 4, "{name}");
             assert!(

@@ -21,8 +21,8 @@ use omnidrones::controllers::flight_check::lowest_point;
 use omnidrones::controllers::reference::Lemniscate;
 use omnidrones::controllers::registry::{controller, steerable};
 use omnidrones::controllers::{
-    ChainRamp, ChainShape, Controller, FlightPlan, Reference, Setup, Tilt, Vectored, default_controller, fly, judge,
-    vectored,
+    ChainRamp, ChainShape, Controller, FlightPlan, Reference, Setup, Tilt, Vectored, check_flight, default_controller,
+    fly, vectored,
 };
 use omnidrones::dynamics::aero::wind::Wind;
 use omnidrones::dynamics::assembly::Member;
@@ -515,7 +515,7 @@ fn flown(a: &Arguments, flyer: Flyer) -> Result<Report> {
     if let Some(earlier) = &earlier {
         outputs.draw("beside", || earlier.figure(&flight.log))?;
     }
-    let judgement = judge(&plant, &flight, !a.no_ground)?;
+    let judgement = check_flight(&plant, &flight, !a.no_ground)?;
     let (mut histories, mut approach) = (Vec::new(), None);
     if let Some(system) = plant.tree() {
         histories = joints(system, &flight.states);

@@ -82,7 +82,7 @@ pub fn load(named: Option<&str>, arguments: &VehicleArguments) -> Result<Source>
 /// The same for a command that goes on to use the vehicle: what is odd about it is told first, for that may be why it fails.
 pub fn to_use(named: Option<&str>, arguments: &VehicleArguments) -> Result<Source> {
     let source = load(named, arguments)?;
-    for odd in source.vehicle.oddities() {
+    for odd in source.vehicle.warnings() {
         eprintln!("warning: {}", shown(&odd.to_string()));
     }
     Ok(source)
@@ -145,7 +145,7 @@ fn imported(import: Import, origin: String, file: Option<&Path>) -> Source {
 
 fn told(vehicle: Vehicle, origin: String, file: Option<&Path>) -> Source {
     let file = file.map(Path::to_path_buf);
-    let odd = vehicle.oddities().into_iter().map(|odd| odd.to_string());
+    let odd = vehicle.warnings().into_iter().map(|odd| odd.to_string());
     let warnings = odd.chain(verdicts(&vehicle)).collect();
     Source { vehicle, origin, warnings, assumptions: Vec::new(), file }
 }

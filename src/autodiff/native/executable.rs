@@ -15,7 +15,6 @@ use std::ops::Range;
 pub const WIDEST: usize = 16;
 
 /// A row of an array: a number of each environment of a block, one number, or a number of each of eight steps.
-#[doc(hidden)]
 pub trait Row: sealed::Row {}
 
 impl Row for [f32; BLOCK] {}
@@ -54,7 +53,6 @@ enum Interpreted {
 
 /// Scratch of an [`Executable`]; made once, reused without allocation.
 #[derive(Debug, Clone)]
-#[doc(hidden)]
 pub struct Work<R> {
     slots: Lines,
     interpreted: Option<(Interpreted, Vec<R>, Vec<R>)>,
@@ -80,7 +78,6 @@ pub struct Work<R> {
 /// # Ok::<(), omnidrones::error::Error>(())
 /// ```
 #[derive(Debug, Clone)]
-#[doc(hidden)]
 pub struct Executable<R> {
     program: Program,
     layout: RowLayout,

@@ -13,7 +13,6 @@ pub const MAX_ROWS: usize = 1 << 22;
 
 /// A row of an array.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-#[doc(hidden)]
 pub struct Place {
     /// Which array.
     pub array: u8,
@@ -23,7 +22,6 @@ pub struct Place {
 
 /// Rows of an array that a program works on.
 #[derive(Debug)]
-#[doc(hidden)]
 pub enum Rows<'a, R> {
     /// To read arguments.
     Read(&'a [R]),
@@ -46,7 +44,6 @@ impl<R> Rows<'_, R> {
 /// A row is one number, or one of each environment. A result may be written over an argument: it is, when the argument is read for
 /// the last time.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
-#[doc(hidden)]
 pub struct RowLayout {
     /// Rows that an array has at least.
     n_row: Vec<u32>,

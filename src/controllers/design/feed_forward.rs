@@ -32,7 +32,13 @@ pub struct FeedForward {
 /// # Errors
 /// [`Error::Value`] unless there are as many outputs as inputs and C is n wide, or where the plant cannot hold its outputs
 /// at arbitrary constants (a zero at 1).
-pub fn follow(a: &DMatrix<f64>, b: &DMatrix<f64>, c: &DMatrix<f64>, period: f64, order: usize) -> Result<FeedForward> {
+pub fn feed_forward(
+    a: &DMatrix<f64>,
+    b: &DMatrix<f64>,
+    c: &DMatrix<f64>,
+    period: f64,
+    order: usize,
+) -> Result<FeedForward> {
     let (n, m) = (a.nrows(), b.ncols());
     if c.shape() != (m, n) || a.ncols() != n || b.nrows() != n {
         let got = format!("{} × {}", c.nrows(), c.ncols());

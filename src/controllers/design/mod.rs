@@ -46,7 +46,7 @@ mod tune_plan;
 mod tuned_loop;
 
 pub use error_state::ErrorState;
-pub use feed_forward::{FeedForward, follow};
+pub use feed_forward::{FeedForward, feed_forward};
 pub use flight_grid::{FlightGrid, GridCell};
 pub use gain_sensitivity::{GainSensitivity, sensitivity};
 pub use loop_model::{AnalysisPoint, LoopMargins, LoopModel};

@@ -1,6 +1,6 @@
 //! Which number broke where an environment stopped: looked for there and then, and nowhere else.
 
-use super::kernel::{ALIVE, EXPLODED, HEEDLESS, LISTED};
+use super::kernel::{ALIVE, DIVERGED_ABOVE, REPORTED, UNCHECKED};
 use super::plant::{Block, Plant, Rows};
 use crate::plant::Quantity;
 use autodiff::program::BLOCK;
@@ -78,7 +78,7 @@ impl Plant {
     pub fn follow(&self, block: &mut Block, lanes: u64, after: &mut Rows) {
         after.copy_from_slice(&block.rows);
         for (lane, alive) in block.rows[self.alive_row()].iter_mut().enumerate() {
-            *alive = if lanes >> lane & 1 == 1 { HEEDLESS } else { LISTED };
+            *alive = if lanes >> lane & 1 == 1 { UNCHECKED } else { REPORTED };
         }
         self.step(std::slice::from_mut(block));
         std::mem::swap(&mut block.rows, after);
@@ -87,7 +87,7 @@ impl Plant {
     /// The number of a lane that is not what a healthy state of any plant holds.
     #[doc(hidden)]
     pub fn exploded(&self, before: &Rows, after: &Rows, lane: usize) -> Option<RawBreach> {
-        RawBreach::of((0..self.n_state()).map(|row| (row, EXPLODED as f32)), before, after, lane)
+        RawBreach::of((0..self.n_state()).map(|row| (row, DIVERGED_ABOVE as f32)), before, after, lane)
     }
 
     /// The action that is no number.

@@ -11,13 +11,13 @@ use crate::vehicle::MAX_ROTORS;
 use autodiff::{Scalar, Trace};
 
 /// Largest magnitude of a healthy state, SI units.
-pub const EXPLODED: f64 = 1e8;
+pub const DIVERGED_ABOVE: f64 = 1e8;
 
 /// Values of the row `alive`: stepping whatever comes of it, stepping, stopped in this step, stopped earlier and listed.
-pub(crate) const HEEDLESS: f32 = 2.0;
+pub(crate) const UNCHECKED: f32 = 2.0;
 pub const ALIVE: f32 = 1.0;
 pub const STOPPED: f32 = 0.0;
-pub(crate) const LISTED: f32 = -1.0;
+pub(crate) const REPORTED: f32 = -1.0;
 
 /// Applies a macro to the numbers of a rotor that lean kernels read, in the order of their rows.
 macro_rules! lean_rotor {
@@ -153,6 +153,6 @@ pub(super) fn next_state(
 
 /// Lanes that are to show where a step leads.
 #[inline]
-pub(crate) fn heedless<S: Scalar>(alive: S) -> S::Mask {
-    S::constant(0.5 * f64::from(ALIVE + HEEDLESS)).lt(alive)
+pub(crate) fn is_unchecked<S: Scalar>(alive: S) -> S::Mask {
+    S::constant(0.5 * f64::from(ALIVE + UNCHECKED)).lt(alive)
 }

@@ -10,7 +10,7 @@ pub use breach::Breach;
 #[doc(hidden)]
 pub use breach::RawBreach;
 #[doc(hidden)]
-pub use kernel::{ALIVE, EXPLODED, STOPPED};
+pub use kernel::{ALIVE, DIVERGED_ABOVE, STOPPED};
 #[doc(hidden)]
 pub use plant::{Block, Plant};
 pub use world::{DEFAULT_MEMORY_LIMIT, StopReason, Stopped, World};

@@ -2,7 +2,7 @@
 //!
 //! Rows of a block: state, input, `alive`. The model's numbers are constants of the program, or rows of their own.
 
-use super::kernel::{EXPLODED, STOPPED, heedless};
+use super::kernel::{DIVERGED_ABOVE, STOPPED, is_unchecked};
 use super::plant::Block;
 use autodiff::native::{Executable, Place, RowLayout, Rows as Array, Work};
 use autodiff::program::BLOCK;
@@ -51,8 +51,8 @@ pub(super) fn contained(state: &[Trace], actions: &[Trace], alive: Trace, next: 
     let was_alive = Trace::constant(0.5).lt(alive);
     let one = Trace::one();
     let clipped: Vec<Trace> = actions.iter().map(|action| action.clamp(-one, one)).collect();
-    let is_healthy = safe::all_bounded(&next, EXPLODED).and(safe::all_bounded(&clipped, 2.0));
-    let ok = was_alive.and(is_healthy).or(heedless(alive));
+    let is_healthy = safe::all_bounded(&next, DIVERGED_ABOVE).and(safe::all_bounded(&clipped, 2.0));
+    let ok = was_alive.and(is_healthy).or(is_unchecked(alive));
     let mut kept: Vec<Trace> = next.iter().zip(state).map(|(next, before)| Trace::select(ok, *next, *before)).collect();
     let stopped = Trace::select(was_alive, Trace::constant(f64::from(STOPPED)), alive);
     kept.push(Trace::select(ok, alive, stopped));

@@ -1,7 +1,7 @@
 //! N environments of one vehicle or articulated system, each with its own parameters, stepped in lanes over threads.
 
 use super::breach::{Breach, RawBreach};
-use super::kernel::{ALIVE, LISTED, STOPPED};
+use super::kernel::{ALIVE, REPORTED, STOPPED};
 use super::plant::{Block, Plant, Rows, wrong_length};
 use crate::assembly::single;
 use crate::multirotor::{Multirotor, Physics};
@@ -243,7 +243,7 @@ impl World {
             let mut stopped = 0_u64;
             for (lane, alive) in alive.iter_mut().enumerate() {
                 if *alive == STOPPED && b * BLOCK + lane < self.n_env {
-                    *alive = LISTED;
+                    *alive = REPORTED;
                     stopped |= 1 << lane;
                 }
             }

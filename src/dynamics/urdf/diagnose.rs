@@ -324,7 +324,7 @@ fn text(file: &str, node: Node, name: &str, value: &str, limits: &InputLimits) -
             format!("{file}: line {}, <{}>: length of {name}", line(node), node.tag_name().name()),
             format!("{} bytes", value.len()),
             format!("{} bytes", limits.name_bytes),
-            "Shorten the name, or raise Limits::name_bytes.",
+            "Shorten the name, or raise InputLimits::name_bytes.",
         ));
     }
     let needed = matches!(node.tag_name().name(), "link" | "joint" | "parent" | "child") && name != "type";

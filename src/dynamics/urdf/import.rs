@@ -87,7 +87,7 @@ pub fn import_text(text: &str, file_name: &str, rotors: Option<&RotorFile>, opti
     let list = read.rotors(rotors)?;
     let vehicle = read.vehicle(rotors, list);
     vehicle.validate().map_err(|e| in_file(e, rotors.map_or(file_name, |r| &r.file), "vehicle"))?;
-    let told = vehicle.oddities().into_iter().map(|odd| Warning::of(odd, file_name));
+    let told = vehicle.warnings().into_iter().map(|odd| Warning::of(odd, file_name));
     Ok(Import { warnings: told.chain(read.warnings).collect(), vehicle, assumptions: read.assumptions })
 }
 

@@ -44,7 +44,7 @@ fn check_bytes(file: &str, bytes: u64, limits: &InputLimits) -> Result<()> {
         format!("{file}: file size"),
         format!("{bytes} bytes"),
         format!("{} bytes", limits.file_bytes),
-        "Leave out what is not a vehicle, or raise Limits::file_bytes.",
+        "Leave out what is not a vehicle, or raise InputLimits::file_bytes.",
     ))
 }
 
@@ -89,9 +89,19 @@ pub(super) fn check(text: &str, file: &str, limits: &InputLimits) -> Result<()> 
 fn check_open(file: &str, scanner: &Scanner, counts: [usize; 3], limits: &InputLimits) -> Result<()> {
     let [depth, elements, attributes] = counts;
     let rows = [
-        ("XML nesting depth", depth, limits.depth.min(DEEPEST), "A URDF nests 5 deep: is this one? See Limits::depth."),
-        ("number of XML elements", elements, limits.elements, "Split the file, or raise Limits::elements."),
-        ("number of attributes of one element", attributes, limits.attributes, "Remove them; see Limits::attributes."),
+        (
+            "XML nesting depth",
+            depth,
+            limits.depth.min(DEEPEST),
+            "A URDF nests 5 deep: is this one? See InputLimits::depth.",
+        ),
+        ("number of XML elements", elements, limits.elements, "Split the file, or raise InputLimits::elements."),
+        (
+            "number of attributes of one element",
+            attributes,
+            limits.attributes,
+            "Remove them; see InputLimits::attributes.",
+        ),
     ];
     match rows.into_iter().find(|(_, value, limit, _)| value > limit) {
         None => Ok(()),

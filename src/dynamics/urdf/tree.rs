@@ -50,7 +50,7 @@ pub(super) fn read(document: &Document, file: &str, options: &ImportOptions) -> 
             format!("{file}: number of links"),
             bodies,
             options.limits.bodies,
-            "Merge links that move together, or raise Limits::bodies.",
+            "Merge links that move together, or raise InputLimits::bodies.",
         ));
     }
     if bodies == 0 {

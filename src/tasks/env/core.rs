@@ -58,7 +58,7 @@ pub(crate) struct Core {
     pub varying: Vec<usize>,
     pub nominal: Vec<f64>,
     /// The robot's system, with the numbers that vary as parameters if any do: what gradients are taken of.
-    pub exposed: dynamics::Plant,
+    pub parametric_plant: dynamics::Plant,
     pub speed_rows: Vec<usize>,
     pub statistics: Statistics,
     /// Means, then 1/standard deviations, as stages read them.

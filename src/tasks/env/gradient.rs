@@ -389,7 +389,7 @@ impl Env {
     /// # Errors
     /// As [`Env::step`]; [`Error::Limit`] if the tape is full, [`Error::Value`] if it is of another environment.
     pub fn step_recorded(&mut self, actions: &[f32], out: &mut super::StepOut<'_>, tape: &mut Tape) -> Result<()> {
-        kindred(tape, &self.layout(), self.spec.n_env)?;
+        check_same_layout(tape, &self.layout(), self.spec.n_env)?;
         if tape.n_step >= tape.horizon() {
             let remedy = "Clear it, or make a longer one with env.tape(horizon).";
             return Err(Error::limit("steps of the tape", tape.n_step + 1, tape.horizon(), remedy));
@@ -488,7 +488,7 @@ fn derivatives(program: &Program, z: &[f64], n: usize) -> DMatrix<f64> {
 }
 
 /// Whether a tape is of an environment with these places.
-fn kindred(tape: &Tape, layout: &StepLayout, n_env: usize) -> Result<()> {
+fn check_same_layout(tape: &Tape, layout: &StepLayout, n_env: usize) -> Result<()> {
     if tape.n_env != n_env {
         let remedy = "Make it with env.tape(horizon) of that environment.";
         return Err(Error::value("environments of the tape", tape.n_env, n_env.to_string(), remedy));
@@ -675,7 +675,7 @@ impl Sweep {
     /// the wrong length, or cotangents that the adjoint has no [`Seeds`] of; [`Error::Limit`] if the tape has no such step. Nothing is changed then.
     pub fn pull(&mut self, tape: &Tape, t: usize, up: &Cotangents<'_>, action: &mut [f32]) -> Result<()> {
         let Self { adjoint: Adjoint(a), options, blocks, last } = self;
-        kindred(tape, &a.layout, a.n_env)?;
+        check_same_layout(tape, &a.layout, a.n_env)?;
         if t >= tape.n_step {
             return Err(Error::limit("step of the tape", t, tape.n_step.saturating_sub(1), "Steps count from 0."));
         }

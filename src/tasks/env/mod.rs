@@ -84,7 +84,7 @@ use self::residual::{Residual, check_reference};
 use self::sensing::SensorSetup;
 use self::spec::spec_of;
 use self::stepper::Stepper;
-use self::transition::{config_hash, exposed, ideal_terms, reference};
+use self::transition::{config_hash, ideal_terms, parametric_plant, reference};
 use crate::any_task::declare;
 use crate::config::{EnvConfig, check_difficulty};
 use crate::observation::{Extent, Pipeline, Statistics};
@@ -222,7 +222,7 @@ impl Env {
         let (limits, hover_input) = (config.bounds.limits(robot.plant()), robot.hover_input());
         let layout = EnvLayout::of(&sizes);
         let core = Core {
-            exposed: exposed(robot, !varied.is_empty()),
+            parametric_plant: parametric_plant(robot, !varied.is_empty()),
             statistics: statistics.clone(),
             frozen: Arc::default(),
             shared: Columns::zeros(layout.shared.count),

@@ -193,7 +193,7 @@ impl SensorSetup {
         frames: &[[f32; BLOCK]],
         lane: usize,
     ) {
-        if let Some(system) = core.exposed.tree().filter(|_| self.feels) {
+        if let Some(system) = core.parametric_plant.tree().filter(|_| self.feels) {
             take(&block.plant.rows, lane, &mut senses.state);
             core.numbers_of(block, lane, &mut senses.numbers);
             let forces = contact_forces_with(system, &senses.numbers, &senses.state);
@@ -344,9 +344,9 @@ impl Stepper<'_> {
             // no gradient goes back over a beginning
             senses.records = false;
             let theta = if core.varied.is_empty() { &[] } else { &senses.numbers[..] };
-            core.exposed.step(&senses.state, &core.hover_input, theta, &mut senses.next);
-            core.exposed.write_frames(&senses.numbers, &senses.next, &mut senses.frames);
-            let (dt, gravity) = (core.exposed.physics().dt, senses.numbers[0]);
+            core.parametric_plant.step(&senses.state, &core.hover_input, theta, &mut senses.next);
+            core.parametric_plant.write_frames(&senses.numbers, &senses.next, &mut senses.frames);
+            let (dt, gravity) = (core.parametric_plant.physics().dt, senses.numbers[0]);
             for body in &sensing.carriers {
                 let now = frame(frames, *body, lane);
                 let next = Frame::read(&senses.frames[body * FRAME..][..FRAME]);

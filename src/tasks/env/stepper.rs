@@ -135,7 +135,7 @@ impl Stepper<'_> {
     }
 
     /// Keeps what broke in lanes that stopped; those that physics had `given_up` stand before their last step.
-    fn blame(&mut self, stopped: u64, given_up: u64) {
+    fn record_breaches(&mut self, stopped: u64, given_up: u64) {
         let (plant, limits) = (&self.core.plant, &self.core.limits);
         let (block, after) = (&mut self.block.plant, &mut self.work.after);
         if given_up != 0 {
@@ -211,7 +211,7 @@ impl Stepper<'_> {
             return;
         }
         let given_up = ones(&core.layout.work.signals.of(&self.work.rows)[signal::GAVE_UP]) & stopped;
-        self.blame(stopped, given_up);
+        self.record_breaches(stopped, given_up);
         for lane in lanes_of(stopped) {
             self.block.plant.rows.iter_mut().zip(core.robot().rest()).for_each(|(row, x)| row[lane] = *x as f32);
         }

@@ -186,14 +186,14 @@ pub(crate) fn ideal(core: &Core) -> EpisodeStart {
 /// The summands of the reward in the task's ideal state.
 pub(crate) fn ideal_terms(core: &Core) -> Vec<f64> {
     let EpisodeStart { state, goal, task_state, numbers, .. } = ideal(core);
-    let seen = Snapshot::of(core.robot(), &core.exposed, &numbers, &state, &goal, task_state);
+    let seen = Snapshot::of(core.robot(), &core.parametric_plant, &numbers, &state, &goal, task_state);
     seen.ask(core.robot(), |view| core.reward(view).iter().map(|x| x.known().unwrap_or(f64::NAN)).collect())
 }
 
 /// What controllers track in an episode that begins so.
 pub(crate) fn reference(core: &Core, state: &[f64], goal: &[f64]) -> Option<TaskReference> {
     let blank = vec![0.0; core.sizes.task_state];
-    let seen = Snapshot::of(core.robot(), &core.exposed, &core.nominal, state, goal, blank);
+    let seen = Snapshot::of(core.robot(), &core.parametric_plant, &core.nominal, state, goal, blank);
     core.task.reference(&seen.view(core.robot()))
 }
 
@@ -258,7 +258,7 @@ fn numbers(core: &Core, p: &StepLayout, z: &[Trace]) -> Numbers {
 }
 
 /// The robot's system with the numbers that vary as parameters, if any do.
-pub(crate) fn exposed(robot: &Robot, varies: bool) -> Plant {
+pub(crate) fn parametric_plant(robot: &Robot, varies: bool) -> Plant {
     let plant = robot.plant().clone();
     if varies { plant.with_parameters() } else { plant }
 }
