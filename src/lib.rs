@@ -26,21 +26,50 @@
 //! # Ok::<(), omnidrones::error::Error>(())
 //! ```
 //!
+//! # Where to begin
+//!
+//! | who you are | start at | then |
+//! |---|---|---|
+//! | **control engineer**: design a controller, show that it holds | [`fly`](controllers::fly()), [`FlightPlan`](controllers::FlightPlan) | [`design`](controllers::design) (trim, LQR, margins of the loop that flies, [`tune`](controllers::design::tune())), [`linear`](controllers::linear), [`allocation`](controllers::allocation), [`MonteCarlo`](controllers::MonteCarlo), [`recovery_map`](controllers::recovery_map()) |
+//! | **researcher of gradients**: optimise through flights and episodes | [`System`](autodiff::System), [`Rollout`](autodiff::Rollout), [`certify`](autodiff::certify()) | [`linearise`](autodiff::linearise()), [`ClosedLoop`](controllers::ClosedLoop), [`Tape`](tasks::Tape), [`apg`](rl::apg), [`shac`](rl::shac) |
+//! | **learner of policies**: a fast and correct batch of environments | [`Env`](tasks::Env), [`EnvConfig`](tasks::EnvConfig) | [`Trainer`](rl::Trainer), [`TrainConfig`](rl::TrainConfig), [`evaluate`](rl::evaluate()), [`SingleEnv`](tasks::SingleEnv) |
+//! | **author of a task**: goals and rewards of one's own | [`Task`](tasks::Task), [the example](tasks#adding-a-task) | [`check_env`](tasks::check_env()), [`reward`](tasks::reward), [`settings!`] |
+//! | **owner of a URDF**: fly it, learn what is wrong with it | [`import_file`](dynamics::urdf::import_file()), [`Vehicle::warnings`](dynamics::Vehicle::warnings) | [`Assembly`](dynamics::assembly::Assembly), [`Multibody`](dynamics::tree::Multibody), [`configurations`](dynamics::configurations) |
+//!
+//! # Five types
+//!
+//! 1. [`Vehicle`](dynamics::Vehicle) is what flies, as data: parts, rotors, drag, gains; built in, from TOML or from URDF.
+//! 2. [`Plant`](dynamics::Plant) is its equations under given [`Physics`](dynamics::Physics): a [`System`](autodiff::System)
+//!    x⁺ = f(x, u, θ), differentiable. An articulated model makes one too.
+//! 3. [`ClosedLoop`](controllers::ClosedLoop) is a plant under a [`ControlLaw`](controllers::ControlLaw), with latency, disturbances
+//!    and failures: a `System` again, so a whole flight is differentiated by its gains.
+//! 4. [`Env`](tasks::Env) steps thousands of environments of one [`Task`](tasks::Task), with sensors and randomisation, and gives
+//!    gradients through their episodes.
+//! 5. [`Policy`](rl::Policy) is what a [`Trainer`](rl::Trainer) learns in them; it flies as a
+//!    [`Controller`](controllers::Controller), too.
+//!
+//! All else hangs on one of these; the [prelude] has the names that most programs begin with, the
+//! [glossary](conventions#glossary) says what a word means.
+//!
 //! # The rooms
 //!
-//! Imports go upwards in this table only: `autodiff` does not know drones, `dynamics` does not know controllers.
+//! Each room is a crate of its own, shown here as a module. Imports go upwards in this table only: `autodiff` does not know drones,
+//! `dynamics` does not know controllers.
 //!
 //! | module | what | look here for |
 //! |---|---|---|
 //! | [`autodiff`] | numbers that differentiate | [`Scalar`](autodiff::Scalar), [`System`](autodiff::System), [`linearise`](autodiff::linearise()), [`Rollout`](autodiff::Rollout), [`certify`](autodiff::certify()) |
-//! | [`dynamics`] | bodies | [`Vehicle`](dynamics::Vehicle), [`vehicles`](dynamics::vehicles), [`urdf`](dynamics::urdf), [`Multirotor`](dynamics::Multirotor), [`Plant`](dynamics::Plant), [`World`](dynamics::World), [`Fleet`](dynamics::Fleet), [`Assembly`](dynamics::assembly::Assembly), [`configurations`](dynamics::configurations), [`Multibody`](dynamics::tree::Multibody), [`Scene`](dynamics::scene::Scene) |
+//! | [`dynamics`] | bodies | [`Vehicle`](dynamics::Vehicle), [`vehicles`](dynamics::vehicles), [`urdf`](dynamics::urdf), [`Multirotor`](dynamics::Multirotor), [`Plant`](dynamics::Plant), [`World`](dynamics::World), [`Fleet`](dynamics::Fleet), [`Scene`](dynamics::scene::Scene), [`sensors`](dynamics::sensors) |
 //! | [`controllers`] | commands | [`fly`](controllers::fly()), [`Controller`](controllers::Controller), [`ControlLaw`](controllers::ControlLaw), [`ClosedLoop`](controllers::ClosedLoop), [`Reference`](controllers::Reference), [`tune`](controllers::design::tune()) |
 //! | [`tasks`] | goals | [`Env`](tasks::Env), [`EnvConfig`](tasks::EnvConfig), [`SingleEnv`](tasks::SingleEnv), [`registry`](tasks::registry), [`Task`](tasks::Task), [`Tape`](tasks::Tape), [`evaluate`](tasks::evaluate()) |
 //! | [`rl`] | learning | [`Trainer`](rl::Trainer), [`TrainConfig`](rl::TrainConfig), [`apg`](rl::apg), [`shac`](rl::shac), [`ppo`](rl::ppo), [`Policy`](rl::Policy), [`evaluate`](rl::evaluate()) |
 //! | [`flight`] | what was flown | [`FlightLog`](flight::FlightLog), key figures, CSV |
-//! | [`prelude`] | the names that most programs begin with | `use omnidrones::prelude::*;` |
-//! | [`error`], [`rng`], [`parallel`] | serve all | [`Error`](error::Error), [`Stream`](rng::Stream), [`Threads`](parallel::Threads) |
+//! | [`error`], [`layers`], [`rng`], [`parallel`] | serve all | [`Error`](error::Error), [`Layer`](layers::Layer) of settings, [`Stream`](rng::Stream), [`Threads`](parallel::Threads) |
 //! | [`conventions`] | frames, units, layouts, names | what any number means |
+//!
+//! Building blocks (vectors and rotations, networks and their kernels, parts of learners, states of files) are public in their rooms
+//! and left out of these pages: `dynamics::spatial`, `rl::nn`, `rl::parts`, `rl::checkpoint`. Their sources document them; they may
+//! change with any version.
 //!
 //! # One scalar, many numbers
 //!

@@ -68,7 +68,7 @@ impl Note {
 /// A controller of a [`Plant`] in `f64`, with its memory.
 ///
 /// One that is written without branches on values is better written as a [`ControlLaw`](super::ControlLaw), which
-/// [`Running`](super::Running) makes a controller: it can then also be differentiated and run in batches. Those with a
+/// [`LawController`](super::LawController) makes a controller: it can then also be differentiated and run in batches. Those with a
 /// solver inside implement this trait alone.
 pub trait Controller: Send {
     /// One word.

@@ -10,7 +10,7 @@
 //! ```
 //!
 //! - Π z and Γ z are where the plant is, and what it is told, when it follows z exactly
-//!   ([`mod@super::design::follow`]): tilt, rates, rotor speeds and the loads' lean.
+//!   ([`mod@super::design::feed_forward`]): tilt, rates, rotor speeds and the loads' lean.
 //! - The sum sees [`LqrWeights::preview`] ahead how far z departs from its Taylor series Φ z: it leans a load that stands before
 //!   the drone turns, which no feedback of the present can. Loads that hang need none of it.
 //! - Far from the reference the cost asks for more than tilt can give. d, the position from which the present tilt, lean and

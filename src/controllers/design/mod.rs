@@ -9,7 +9,7 @@
 //! | `margin_constraint` | such a gate while gains are tuned |
 //! | [`margin_gate`] | what a controller has to bear: margins in winds, on plants not as believed |
 //! | [`mod@lqr`] | state feedback of least cost, with integrators or over a finite time, weights by Bryson's rule |
-//! | [`mod@follow`] | feed-forward along smooth references |
+//! | [`mod@feed_forward`] | feed-forward along smooth references |
 //! | [`flight_grid`] | circles on a grid of acceleration and speed, half to tune on, half to judge on |
 //! | [`gain_sensitivity`] | how the error of one flight depends on each gain |
 //! | [`mod@robustness`] | a box of plants: the share of stable ones, the least margin in it |
