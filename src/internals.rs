@@ -11,7 +11,7 @@ pub use crate::reader::{of_json, of_toml};
 pub use crate::rl::checkpoint::store::{check_removable, remove_checkpoints};
 pub use crate::rl::ending::{Left, ask as ask_to_end, wait as wait_to_end};
 pub use crate::rl::policy::ROWS;
-pub use crate::rl::search::told as told_search;
+pub use crate::rl::search::read_search;
 pub use crate::rl::shards::{Shard, shards};
 pub use crate::tasks::env::check::check_env_for;
 
