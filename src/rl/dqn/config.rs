@@ -1,7 +1,9 @@
 //! Settings of DQN.
 
+use super::Dqn;
 use crate::error::{Error, Result};
 use crate::rl::checks::check_counts;
+use crate::rl::learner::built_in;
 use crate::rl::nn::{AdamConfig, Layers};
 use crate::rl::policy::Actor;
 use crate::rl::replay::ReplayConfig;
@@ -105,6 +107,14 @@ impl Default for DqnConfig {
             adam: AdamConfig::default(),
             network: Layers { hidden: vec![128; 2], layer_norm: true, ..Layers::elu(0.1) },
         }
+    }
+}
+
+built_in! {
+    "dqn": DqnConfig => Dqn, squashed: false, loss: "error of the values", in: "config.rs", actor: DqnConfig::actor;
+
+    fn seen(&self, env: &EnvConfig) -> EnvConfig {
+        DqnConfig::seen(self, env)
     }
 }
 
