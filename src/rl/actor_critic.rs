@@ -109,7 +109,7 @@ impl<E: Exploration> ActorCritic<E> {
         let progress = self.progress_of_run();
         let actor_learns = (self.step + 1).is_multiple_of(self.config.actor_delay as u64);
         // where the actor's target follows with a delay, those of the critics do
-        let follows = actor_learns || !self.kind.slow_actor();
+        let follows = actor_learns || !self.kind.has_target_actor();
         let tau = if follows { self.config.tau } else { 0.0 };
         self.critic_step(progress, tau);
         self.step += 1;
@@ -141,7 +141,7 @@ impl<E: Exploration> ActorCritic<E> {
     fn critic_gradients(&mut self, progress: f64) {
         let Self { kind, shapes, actor, critics, experience, config, step, value_norm, .. } = self;
         let unit = value_norm.unit();
-        let target_actor = if kind.slow_actor() { &actor.following } else { &actor.parameters };
+        let target_actor = if kind.has_target_actor() { &actor.following } else { &actor.parameters };
         self.threads.for_each(&mut self.work, |number, work| {
             experience.gather(&mut work.block, (*step, number), progress);
             work.td_targets(kind, shapes, (target_actor, critics), unit);
@@ -167,7 +167,7 @@ impl<E: Exploration> ActorCritic<E> {
     fn actor_gradient(&mut self, progress: f64) {
         let Self { kind, shapes, actor, critics, value_norm, config, .. } = self;
         let (std, penalty) = (value_norm.unit().std, config.saturation_penalty.at(progress) as f32);
-        let climbed = &critics[..kind.climbed(critics.len())];
+        let climbed = &critics[..kind.critics_of_actor(critics.len())];
         self.threads.for_each(&mut self.work, |_, work| {
             work.actor_gradient(kind, shapes, (actor, climbed), (std, penalty));
         });
@@ -249,7 +249,7 @@ impl Work {
         self.bonus.fill(0.0);
         let mut noise = Noise { stream: &mut self.block.stream, held: None };
         for (k, action) in shapes.each(&mut self.actions).enumerate() {
-            self.bonus[k / shapes.agents] += kind.next(output.row(k), &mut noise, action);
+            self.bonus[k / shapes.agents] += kind.target_action(output.row(k), &mut noise, action);
         }
         let base = if shapes.widths.n_state > 0 { &self.block.next_state } else { &self.block.next };
         shapes.join(base, &self.actions, &mut self.x);
@@ -316,7 +316,8 @@ impl Work {
         self.noise.iter_mut().for_each(|e| *e = self.block.stream.normal() as f32);
         for (k, action) in shapes.each(&mut self.actions).enumerate() {
             let noise = &self.noise[k * n..][..n];
-            self.sums[2] += f64::from(kind.draw(output.row(k), noise, action) * live(self.block.weight[k / agents]));
+            self.sums[2] +=
+                f64::from(kind.policy_action(output.row(k), noise, action) * live(self.block.weight[k / agents]));
         }
         for agent in 0..agents {
             self.sums[3] -= q_gradient(
@@ -330,7 +331,7 @@ impl Work {
         }
         for (k, own) in self.grad_output.chunks_exact_mut(n_output).enumerate() {
             let [noise, slope] = [&self.noise, &self.grad_action].map(|all| &all[k * n..][..shapes.done[k % agents]]);
-            kind.pull(output.row(k), noise, std, slope, own);
+            kind.output_gradient(output.row(k), noise, std, slope, own);
             let (before, counts) = (&output.row(k)[..slope.len()], live(self.block.weight[k / agents]));
             let each = 1.0 / slope.len().max(1) as f32;
             own.iter_mut().zip(before).for_each(|(x, y)| *x += 2.0 * penalty * each * y);

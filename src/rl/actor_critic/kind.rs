@@ -13,16 +13,16 @@ pub trait Kind: Send + Sync {
     fn explore(&self, output: &[f32], environment: u64, noise: &mut Noise<'_>, action: &mut [f32]);
 
     /// An action to value, and what is added to its value.
-    fn next(&self, output: &[f32], noise: &mut Noise<'_>, action: &mut [f32]) -> f32;
+    fn target_action(&self, output: &[f32], noise: &mut Noise<'_>, action: &mut [f32]) -> f32;
 
     /// An action to improve, and its ln π or 0.
-    fn draw(&self, output: &[f32], noise: &[f32], action: &mut [f32]) -> f32;
+    fn policy_action(&self, output: &[f32], noise: &[f32], action: &mut [f32]) -> f32;
 
     /// ∂/∂output of what is minimised, in units of `std`, where `grad_action` is that of −Q.
-    fn pull(&self, output: &[f32], noise: &[f32], std: f32, grad_action: &[f32], grad_output: &mut [f32]);
+    fn output_gradient(&self, output: &[f32], noise: &[f32], std: f32, grad_action: &[f32], grad_output: &mut [f32]);
 
     /// How many of the critics the actor climbs, by the least of them.
-    fn climbed(&self, critics: usize) -> usize;
+    fn critics_of_actor(&self, critics: usize) -> usize;
 
     /// Most numbers of an action.
     fn most_action(&self) -> usize {
@@ -30,7 +30,7 @@ pub trait Kind: Send + Sync {
     }
 
     /// Whether values behind a step are those of an actor that follows slowly.
-    fn slow_actor(&self) -> bool;
+    fn has_target_actor(&self) -> bool;
 
     /// Behind a step of the actor whose mean ln π was `log_prob`.
     fn adapt(&mut self, _log_prob: f64) {}

@@ -47,7 +47,7 @@ impl<E: Exploration> ActorCritic<E> {
         within_memory("batch", config.batch, shapes.bytes(), env.memory_limit)?;
         let stream = |network| Stream::new(seed, 0, network, Purpose::LEARNING);
         let critic = |k| NetWithTarget::new(&shapes.critic, config.adam, true, &mut stream(1 + k));
-        let actor = NetWithTarget::new(&shapes.actor, config.adam, kind.slow_actor(), &mut stream(0));
+        let actor = NetWithTarget::new(&shapes.actor, config.adam, kind.has_target_actor(), &mut stream(0));
         Ok(Self {
             mean: actor.parameters.clone(),
             mean_from: 0,

@@ -1,11 +1,15 @@
 use super::*;
-use crate::rl::learner::saved;
+use crate::rl::learner::{Learner, saved};
 use crate::rl::nn::Layers;
 use crate::rl::replay::ReplayConfig;
 use crate::rl::sac::{Entropy, SacConfig};
+use crate::rl::schedule::Schedule;
+use crate::rl::state;
 use crate::rl::td3::{ActionNoise, Td3Config};
+use crate::rl::warm_start::WarmStart;
+use crate::rng::{Purpose, Stream};
 use crate::tasks::probe::Probe;
-use crate::tasks::{Env, Stage};
+use crate::tasks::{Env, EnvConfig, Stage};
 
 fn small<E: Exploration>() -> ActorCriticConfig<E> {
     let layers = |own: Layers| Layers { hidden: vec![16, 16], ..own };
@@ -123,7 +127,7 @@ fn check_targets<E: Exploration>(
     (0..18).for_each(|_| drop(own.update().unwrap()));
     own.critic_gradients(0.0);
     let ActorCritic { kind, shapes, actor, critics, experience, work, value_norm, step, .. } = &mut own;
-    let follows = if kind.slow_actor() { &actor.following } else { &actor.parameters };
+    let follows = if kind.has_target_actor() { &actor.following } else { &actor.parameters };
     let (mut of_actor, mut of_critic) = (shapes.of_set.memory(1), shapes.critic.memory(1));
     let sets: Vec<&[f32]> = follows.chunks_exact(shapes.of_set.n_parameter()).collect();
     let (n, n_base, unit) = (shapes.widths.n_observation, shapes.n_base, value_norm.unit());

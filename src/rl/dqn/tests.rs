@@ -1,11 +1,13 @@
+use super::mixing::Mixing;
 use super::*;
-use crate::rl::learner::saved;
+use crate::rl::learner::{Learner, saved};
 use crate::rl::nn::Layers;
 use crate::rl::nn::elementwise::approach;
 use crate::rl::replay::ReplayConfig;
 use crate::rl::schedule::Schedule;
+use crate::rng::{Purpose, Stream};
 use crate::tasks::probe::Probe;
-use crate::tasks::{ActionSpace, Env};
+use crate::tasks::{ActionSpace, Env, EnvConfig, Space};
 
 fn small() -> DqnConfig {
     let usual = DqnConfig::default();
