@@ -9,7 +9,7 @@ use omnidrones::prelude::*;
 use omnidrones::rl::checkpoint::Tensors;
 use omnidrones::rl::nn::{Activation, Adam, AdamConfig, Layers, Transposed, Weights, clip_norm};
 use omnidrones::rl::parts::{
-    Collector, Critic, CriticSees, Fit, How, Make, Minibatch, Rollout, Shape, Sums, ValueNorm, shards,
+    BehaviourPolicy, Collector, Critic, CriticSees, Fit, Make, Minibatch, Rollout, Shape, Sums, ValueNorm, shards,
 };
 use omnidrones::rl::policy::Actor;
 use omnidrones::rl::{Algorithm, Episodes, Progress, Starts, Update, algorithm, evaluate, state};
@@ -140,12 +140,19 @@ struct A2c {
 
 impl Learner for A2c {
     fn update(&mut self) -> Result<Update> {
-        let (actor, parameters, critic, norm) = (&self.actor, &self.parameters, &self.critic, &self.norm);
-        let how = How { actor, parameters, critic, norm, seed: self.seed, update: self.counters[0] };
+        let policy = BehaviourPolicy {
+            actor: &self.actor,
+            parameters: &self.parameters,
+            critic: &self.critic,
+            value_norm: &self.norm,
+            seed: self.seed,
+            update: self.counters[0],
+        };
         let mut parts = self.rollout.parts(self.collectors.iter().map(|c| c.shard.env.spec().n_env));
         let mut all: Vec<_> = self.collectors.iter_mut().zip(&mut parts).collect();
         self.threads.for_each(&mut all, |_, (collector, part)| {
-            collector.failed = collector.collect(part, how).and_then(|()| part.judge(0.98, 0.95)).err();
+            let collected = collector.collect(part, policy);
+            collector.failed = collected.and_then(|()| part.estimate_advantages(0.98, 0.95)).err();
         });
         if let Some(error) = self.collectors.iter_mut().find_map(|c| c.failed.take()) {
             return Err(error);
@@ -172,13 +179,13 @@ impl Learner for A2c {
         self.adam.descend(&mut self.parameters, &self.batch.gradient, rate);
         self.actor.mlp.transpose(&self.parameters, &mut self.transposed);
         let critic_loss =
-            self.critic.fit(&self.threads, r.seen(), &r.target, &rows, Fit { rate, clip: 1.0, huber: 10.0 });
+            self.critic.fit(&self.threads, r.critic_input(), &r.target, &rows, Fit { rate, clip: 1.0, huber: 10.0 });
         let n_step = self.config.n_env * self.config.steps;
         self.counters = [self.counters[0] + 1, self.counters[1] + n_step as u64];
         let (mut episodes, mut reward) = (Episodes::default(), 0.0);
-        for Collector { seen, .. } in &self.collectors {
-            episodes.add(&seen.episodes);
-            reward += seen.reward / n_step as f64;
+        for Collector { stats, .. } in &self.collectors {
+            episodes.add(&stats.episodes);
+            reward += stats.reward / n_step as f64;
         }
         let extra = vec![("critic_loss", critic_loss)];
         Ok(Update { loss: sums[0], reward, episodes, gradient_norm, rate, extra, phases: Vec::new() })

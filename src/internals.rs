@@ -11,7 +11,7 @@ pub use dynamics::integrate::{Grid, step};
 pub use rl::checkpoint::store::{check_removable, remove_checkpoints};
 pub use rl::ending::{Left, ask as ask_to_end, wait as wait_to_end};
 pub use rl::policy::ROWS;
-pub use rl::search::told as told_search;
+pub use rl::search::read_search;
 pub use rl::shards::{Shard, shards};
 pub use tasks::env::check::check_env_for;
 

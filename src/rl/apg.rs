@@ -19,100 +19,75 @@
 //! Too high a learning rate saturates the network and never recovers. [`ApgConfig::saturation`] watches for it: the run
 //! begins again at half the rate.
 
-use super::checkpoint::Tensors;
-use super::checks::check_counts;
-use super::learner::{Learner, Make, Progress, Update, built_in, share_done};
-use super::nn::{AdamConfig, Layers};
-use super::policy::{Actor, Policy};
-use super::policy_optimiser::{PolicyOptimiser, check_optimiser};
-use super::schedule::Schedule;
-use super::shards::{begin_statistics, normalise, set_difficulty, shards_if};
-use super::state;
-use super::warm_start::WarmStart;
-use super::window::{Window, check_windows, gather, windows};
+mod config;
 
 pub use super::window::Objective;
+pub use config::ApgConfig;
 
-use base::defaults::with_defaults;
-use base::error::{Error, Result};
+use super::checkpoint::Tensors;
+use super::learner::{Learner, Make, Progress, Update, share_done};
+use super::policy::Policy;
+use super::warm_start::WarmStart;
+use super::window::{Window, WindowStats};
+use super::window_run::WindowRun;
+use base::error::Result;
 use base::parallel::Threads;
-use serde::{Deserialize, Serialize};
 use std::time::Instant;
-use tasks::{Env, EnvConfig, SweepOptions};
-
-with_defaults! {
-    /// Settings; defaults fly the Hummingbird's Hover from random weights.
-    #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-    #[serde(deny_unknown_fields, default)]
-    pub struct ApgConfig {
-        /// Environments, E.
-        pub n_env: usize = 64,
-        /// Environments of a shard: one thread steps it for a whole window.
-        pub shard: usize = 32,
-        /// H, steps.
-        pub horizon: usize = 48,
-        /// Updates of a run.
-        pub updates: u64 = 800,
-        /// Learning rate over the run.
-        pub learning_rate: Schedule = Schedule::cosine(0.01, 1e-4),
-        /// Largest norm of the gradient.
-        pub max_grad_norm: f64 = 0.2,
-        /// Factor per step on the gradient that is carried back; 1 is exact.
-        pub decay: f32 = 1.0,
-        /// Largest norm, per environment, of the gradient that is carried back, where a step's cost weighs 1: what tumbles
-        /// would drown all others. Infinite for none.
-        pub adjoint_clip: f32 = f32::INFINITY,
-        /// Largest norm, per environment and step, of the gradient of its actions, where a step's cost weighs 1: one that explodes
-        /// would turn the update of all. Infinite for none.
-        pub action_clip: f32 = f32::INFINITY,
-        /// What is minimised.
-        pub objective: Objective = Objective::Loss,
-        /// Whether the last loss of an episode that the task ended goes on to the window's end.
-        pub lasting: bool = true,
-        /// Share of hidden tanh units beyond ±0.99 at which the run begins again at half the rate, up to six times; 1 for never.
-        pub saturation: f64 = 0.25,
-        /// The optimiser.
-        pub adam: AdamConfig = AdamConfig { beta2: 0.99, ..AdamConfig::default() },
-        /// The policy.
-        pub network: Layers = Layers::default(),
-    }
-}
-
-impl ApgConfig {
-    /// Checks every number.
-    ///
-    /// # Errors
-    /// [`Error::Value`] or [`Error::Limit`] with the number, the rule and the remedy.
-    pub fn validate(&self) -> Result<()> {
-        check_counts(
-            &[("n_env", self.n_env, 1 << 24), ("shard", self.shard, 1 << 24), ("horizon", self.horizon, 1 << 16)],
-            "64, 32 and 48 are usual.",
-        )?;
-        check_optimiser(self.max_grad_norm, self.decay, [self.adjoint_clip, self.action_clip], self.saturation)?;
-        self.learning_rate.validate("learning_rate")?;
-        self.adam.validate()?;
-        self.network.validate()
-    }
-}
-
-built_in! {
-    "apg": ApgConfig => Apg, squashed: true, loss: "mean cost of a step", in: "apg.rs";
-}
+use tasks::{Env, EnvConfig};
 
 /// Analytic policy gradients, in the middle of a run.
 pub struct Apg {
     config: ApgConfig,
-    optimiser: PolicyOptimiser,
-    workers: Vec<Worker>,
-    threads: Threads,
-    update: u64,
-    env_steps: u64,
+    run: WindowRun<()>,
 }
 
-/// A shard's window, and what went wrong in it.
-struct Worker {
-    window: Window,
-    failed: Option<Error>,
+impl Apg {
+    /// One update: the three steps of the header.
+    fn update(&mut self) -> Result<Update> {
+        let begun = Instant::now();
+        let stats = self.policy_gradient()?;
+        let windows = begun.elapsed();
+        let Self { config, run } = self;
+        let rate = run.optimiser.rate(config.learning_rate.at(share_done(run.update, config.updates)));
+        let gradient_norm = run.optimiser.descend(config.max_grad_norm, rate);
+        let n_step = (config.n_env * config.horizon) as f64;
+        run.finish_update(n_step as u64, stats.saturated, config.saturation)?;
+        let flying = stats.time_flying(windows);
+        Ok(Update {
+            loss: stats.cost / n_step,
+            reward: stats.reward / n_step,
+            episodes: stats.episodes,
+            gradient_norm,
+            rate,
+            extra: vec![
+                ("saturated", stats.saturated),
+                ("restarts", run.optimiser.restarts as f64),
+                ("gradients_dropped", stats.dropped as f64),
+            ],
+            phases: vec![("fly", flying), ("sweep", windows - flying), ("learn", begun.elapsed() - windows)],
+        })
+    }
+
+    /// Steps 1 and 2: every shard flies a window, and its gradient is swept back over it.
+    fn policy_gradient(&mut self) -> Result<WindowStats> {
+        let (config, loss_scale) = (&self.config, self.config.of_windows().loss_scale());
+        let lasting = config.lasting && config.objective == Objective::Loss;
+        self.run.gradient(|optimiser, window, ()| {
+            let (actor, net) = (&optimiser.actor, optimiser.net());
+            window.fly(actor, net)?;
+            weigh_costs(window, loss_scale, lasting);
+            window.sweep(actor, net, &[]).map(|_| ())
+        })
+    }
+}
+
+/// ∂L/∂cost of every step; with `lasting`, what an episode cost last goes on to the window's end if the task ended it.
+fn weigh_costs(window: &mut Window, loss_scale: f32, lasting: bool) {
+    for (left, step) in window.steps.iter_mut().rev().enumerate() {
+        for (weight, lost) in step.weight.iter_mut().zip(&step.terminated) {
+            *weight = loss_scale * if lasting && *lost == 1 { 1.0 + left as f32 } else { 1.0 };
+        }
+    }
 }
 
 impl Apg {
@@ -130,115 +105,46 @@ impl Apg {
     /// As there, and as `make`.
     pub fn with(make: &Make<'_>, env: &EnvConfig, config: ApgConfig, seed: u64, threads: Threads) -> Result<Self> {
         config.validate()?;
-        let env = EnvConfig { n_env: config.n_env, seed, ..env.clone() };
-        let shards = shards_if(make, &env, config.shard, |first, n| {
-            check_windows(first, n, &Actor::new(first.spec(), &config.network, true)?, config.horizon)
-        })?;
-        let actor = Actor::new(shards[0].env.spec(), &config.network, true)?;
-        // the weight of a step: the mean over all environments and steps of the window
-        let loss_scale = 1.0 / (config.n_env * config.horizon) as f32;
-        let options = SweepOptions { decay: config.decay, clip: config.adjoint_clip * loss_scale };
-        let windows = windows(shards, &actor, config.horizon, config.objective, options)?;
-        let action_clip = config.action_clip * loss_scale;
-        let own = |mut window: Window| {
-            window.action_clip = action_clip;
-            Worker { window, failed: None }
-        };
-        let workers = windows.into_iter().map(own).collect();
-        let optimiser = PolicyOptimiser::new(actor, config.adam, seed);
-        Ok(Self { config, optimiser, workers, threads, update: 0, env_steps: 0 })
-    }
-}
-
-impl Worker {
-    /// Flies a window, weighs its steps and sweeps back over it. `loss_scale` is the weight of a step; with `lasting`, what an
-    /// episode cost last goes on to the window's end if the task ended it.
-    fn learn(&mut self, optimiser: &PolicyOptimiser, loss_scale: f32, lasting: bool) -> Result<()> {
-        let (actor, net) = (&optimiser.actor, optimiser.net());
-        self.window.fly(actor, net)?;
-        for (left, step) in self.window.steps.iter_mut().rev().enumerate() {
-            for (weight, lost) in step.weight.iter_mut().zip(&step.terminated) {
-                *weight = loss_scale * if lasting && *lost == 1 { 1.0 + left as f32 } else { 1.0 };
-            }
-        }
-        self.window.sweep(actor, net, &[]).map(|_| ())
+        let run = WindowRun::new(make, env, &config.of_windows(), (seed, threads))?;
+        Ok(Self { config, run })
     }
 }
 
 impl Learner for Apg {
     fn update(&mut self) -> Result<Update> {
-        let begun = Instant::now();
-        let (config, optimiser) = (&self.config, &self.optimiser);
-        let n_step = (config.n_env * config.horizon) as f64;
-        // the mean over all environments and steps of the window
-        let (loss_scale, lasting) = ((1.0 / n_step) as f32, config.lasting && config.objective == Objective::Loss);
-        self.threads.for_each(&mut self.workers, |_, worker| {
-            worker.failed = worker.learn(optimiser, loss_scale, lasting).err()
-        });
-        let flown = self.workers.iter_mut().map(|worker| (&worker.window, worker.failed.take()));
-        let seen = gather(flown, &mut self.optimiser.gradient)?;
-        let windows = begun.elapsed();
-        let rate = self.optimiser.rate(config.learning_rate.at(share_done(self.update, config.updates)));
-        let norm = self.optimiser.descend(config.max_grad_norm, rate);
-        normalise(&mut self.workers.iter_mut().map(|w| &mut w.window.shard).collect::<Vec<_>>())?;
-        self.update += 1;
-        self.env_steps += n_step as u64;
-        if self.optimiser.restart_if_saturated(seen.saturated, config.saturation) {
-            self.update = 0;
-        }
-        let flying = seen.time_flying(windows);
-        Ok(Update {
-            loss: seen.cost / n_step,
-            reward: seen.reward / n_step,
-            episodes: seen.episodes,
-            gradient_norm: norm,
-            rate,
-            extra: vec![
-                ("saturated", seen.saturated),
-                ("restarts", self.optimiser.restarts as f64),
-                ("gradients_dropped", seen.dropped as f64),
-            ],
-            phases: vec![("fly", flying), ("sweep", windows - flying), ("learn", begun.elapsed() - windows)],
-        })
+        Self::update(self)
     }
 
     fn progress(&self) -> Progress {
-        Progress { update: self.update, budget: self.config.updates, env_steps: self.env_steps }
+        self.run.progress(self.config.updates)
     }
 
     fn set_difficulty(&mut self, share: f64) -> Result<()> {
-        set_difficulty(self.workers.iter_mut().map(|w| &mut w.window.shard), share)
+        self.run.set_difficulty(share)
     }
 
     fn warm_start(&mut self, start: &WarmStart) -> Result<()> {
-        self.optimiser.warm_start(start)?;
-        begin_statistics(self.workers.iter_mut().map(|w| &mut w.window.shard), start.statistics.as_ref())
+        self.run.warm_start(start)
     }
 
     fn policy(&self) -> Result<Policy> {
-        self.optimiser.policy(&self.workers[0].window.shard.env)
+        self.run.policy()
     }
 
     fn save(&self, policy: &mut Tensors, out: &mut Tensors) -> Result<()> {
-        self.optimiser.save(policy, out)?;
-        state::put_counters(out, [self.update, self.env_steps, self.optimiser.restarts])?;
-        state::put_shards(out, self.workers.iter().map(|w| &w.window.shard))
+        self.run.save(policy, out)
     }
 
     fn load(&mut self, policy: &Tensors, from: &Tensors) -> Result<()> {
-        let [update, env_steps, restarts] = state::counters(from)?;
-        self.optimiser.load(policy, from, restarts)?;
-        state::load_shards(from, self.workers.iter_mut().map(|w| &mut w.window.shard))?;
-        (self.update, self.env_steps) = (update, env_steps);
-        Ok(())
+        self.run.load(policy, from)
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::policy_optimiser::MAX_RESTARTS;
     use super::*;
-    use crate::nn::Activation;
+    use crate::nn::{Activation, Layers};
+    use crate::policy_optimiser::MAX_RESTARTS;
 
     #[test]
     fn a_run_ends_though_every_unit_is_beyond_the_limit_of_saturation() {
@@ -252,9 +158,10 @@ mod tests {
                     apg.update().unwrap();
                 }
             }
-            assert_eq!(apg.n_update(), apg.budget(), "{activation:?} after {} restarts", apg.optimiser.restarts);
+            assert_eq!(apg.n_update(), apg.budget(), "{activation:?} after {} restarts", apg.run.optimiser.restarts);
         }
     }
+
     #[test]
     fn a_last_cost_goes_on_to_the_windows_end_under_the_loss_alone() {
         for objective in [Objective::Loss, Objective::Reward] {
@@ -264,7 +171,7 @@ mod tests {
             let mut apg = Apg::new("Track", &env, config, 1, Threads::new(1).unwrap()).unwrap();
             apg.update().unwrap();
             let (mut lost, mut late) = (0, 0);
-            for (t, step) in apg.workers[0].window.steps.iter().enumerate() {
+            for (t, step) in apg.run.workers[0].window.steps.iter().enumerate() {
                 for (i, weight) in step.weight.iter().enumerate() {
                     let ended = step.terminated[i] == 1;
                     let on = if ended && objective == Objective::Loss { 12 - t } else { 1 };

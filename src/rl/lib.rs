@@ -27,7 +27,7 @@
 //! | [`parts`] | what algorithms are built of, for one's own |
 //! | `learner`, `checks` | what all algorithms have in common |
 //! | [`nn`] | networks, distributions, Adam |
-//! | `window` | a window of steps and its exact gradient |
+//! | `window`, `window_run` | a window of steps and its exact gradient; what runs of APG and SHAC share |
 //! | `shards` | a batch cut into parts that one thread steps |
 //! | [`state`] | their state in checkpoints |
 //! | `minibatch`, `critic` | the gradient of a sum over rows; a value function |
@@ -128,6 +128,7 @@ pub(crate) mod value_loss;
 pub(crate) mod value_norm;
 pub(crate) mod warm_start;
 pub(crate) mod window;
+mod window_run;
 
 pub use algorithm::Algorithm;
 pub use config::{Checkpoints, Evaluate, TrainConfig};

@@ -34,7 +34,7 @@ impl<F: Fn(usize, &[f32], &mut [f32], &mut [f32], &mut Sums) + Sync> BlockLoss f
 }
 
 /// Minibatch `k` of `n`: all differ by one row at most, so that networks with more and with fewer rows take as many steps.
-pub fn part(rows: &[u32], k: usize, n: usize) -> &[u32] {
+pub fn minibatch(rows: &[u32], k: usize, n: usize) -> &[u32] {
     &rows[k * rows.len() / n..(k + 1) * rows.len() / n]
 }
 
@@ -131,7 +131,7 @@ mod tests {
         for n_row in [0_u32, 1, 5, 8, 130] {
             let rows: Vec<u32> = (0..n_row).collect();
             for n in [1, 4, 7, 16] {
-                let parts: Vec<&[u32]> = (0..n).map(|k| part(&rows, k, n)).collect();
+                let parts: Vec<&[u32]> = (0..n).map(|k| minibatch(&rows, k, n)).collect();
                 assert_eq!(parts.concat(), rows);
                 let (least, most) = (rows.len() / n, rows.len().div_ceil(n));
                 assert!(parts.iter().all(|p| (least..=most).contains(&p.len())), "{n_row} rows in {n}");

@@ -3,7 +3,7 @@
 //! | part | what |
 //! |---|---|
 //! | [`shards()`], [`Shard`] | a batch cut into parts that one thread steps |
-//! | [`Collector`], [`Rollout`], [`Shape`], [`CriticSees`] | T steps of every environment under a stochastic policy, with their worth |
+//! | [`Collector`], [`BehaviourPolicy`], [`Rollout`], [`Shape`], [`CriticSees`] | T steps of every environment under a stochastic policy, with their worth |
 //! | [`advantages`], [`ValueNorm`] | GAE and λ-targets; their scale |
 //! | [`Critic`], [`Fit`] | a value function and a step of it |
 //! | [`Minibatch`], [`minibatch`], [`shuffle`] | the gradient of a loss over some rows; which rows |
@@ -15,11 +15,11 @@
 pub use super::critic::{Critic, Fit, shuffle};
 pub use super::gae::{Steps, advantages};
 pub use super::learner::Make;
-pub use super::minibatch::{BlockLoss, Minibatch, Sums, part as minibatch};
+pub use super::minibatch::{BlockLoss, Minibatch, Sums, minibatch};
 pub use super::policy_optimiser::PolicyOptimiser;
 pub use super::recall::Recall;
-pub use super::rollout::{Collector, CriticSees, How, Part as RolloutPart, Rollout, Seen as RolloutSeen, Shape};
+pub use super::rollout::{BehaviourPolicy, Collector, CriticSees, Rollout, RolloutPart, RolloutStats, Shape};
 pub use super::sequences::{Sequence, Sequences, sequences};
 pub use super::shards::{Shard, episodes, normalise, shards};
 pub use super::value_norm::ValueNorm;
-pub use super::window::{Objective, Seen as WindowSeen, Step as WindowStep, Window, gather, windows};
+pub use super::window::{Objective, Window, WindowStats, WindowStep, gather, windows};

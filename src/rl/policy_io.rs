@@ -1,6 +1,6 @@
 //! A policy from the files of a run, ready to fly, without the learner that made it.
 
-use super::checkpoint::{Checkpoint, MAX_BYTES, Manifest, Skipped, Store, Tensors, flies};
+use super::checkpoint::{Checkpoint, MAX_BYTES, Manifest, SkippedCheckpoint, Store, Tensors, flies};
 use super::config::TrainConfig;
 use super::config_diff::{config_diff, described};
 use super::policy::Policy;
@@ -21,7 +21,7 @@ pub struct SavedPolicy {
     /// Its checkpoint.
     pub folder: PathBuf,
     /// Newer checkpoints that were damaged: say so to whoever asked for the newest.
-    pub skipped: Vec<Skipped>,
+    pub skipped: Vec<SkippedCheckpoint>,
 }
 
 impl SavedPolicy {

@@ -24,97 +24,297 @@
 
 mod config;
 mod ratios;
+mod state;
 #[cfg(test)]
 mod tests;
 
 pub use config::{PpoConfig, Team};
 
-use ratios::Ratios;
-
-use super::checkpoint::Tensors;
 use super::critic::{Critic, Fit, shuffle};
-use super::input_scale::InputScale;
-use super::learner::{Episodes, Learner, Make, Progress, Update, built_in, share_done};
-use super::minibatch::{BlockLoss, Minibatch, Sums, part};
+use super::learner::{Episodes, Update, share_done};
+use super::minibatch::{BlockLoss, Minibatch, Sums, minibatch};
 use super::nn::elementwise::{self, exp};
 use super::nn::gaussian::Gaussians;
 use super::nn::head::Head;
-use super::nn::{Adam, Output, Recurrence, Transposed, Weights, clip_norm};
-use super::policy::{Actor, Policy, ROWS};
-use super::rollout::{Collector, CriticSees, How, Rollout, Shape};
-use super::sequences::{Sequence, Sequences, sequences};
-use super::shards::{begin_statistics, normalise, set_difficulty, shards_if};
-use super::state;
+use super::nn::{Adam, Output, Transposed, Weights, clip_norm};
+use super::policy::{Actor, ROWS};
+use super::rollout::{BehaviourPolicy, Collector, Rollout};
+use super::sequences::{Sequence, Sequences};
+use super::shards::normalise;
 use super::value_norm::ValueNorm;
-use super::warm_start::WarmStart;
+use autodiff::Scalar;
 use base::error::Result;
 use base::parallel::Threads;
+use ratios::Ratios;
 use rng::{Purpose, Stream};
 use std::time::{Duration, Instant};
-use tasks::{Env, EnvConfig, Spec};
-
-built_in! {
-    "ppo": PpoConfig => Ppo, squashed: false, loss: "−(clipped surrogate + entropy bonus)", in: "ppo/config.rs", actor: PpoConfig::actor;
-
-    fn seen(&self, env: &EnvConfig) -> EnvConfig {
-        PpoConfig::seen(self, env)
-    }
-
-    /// Updates are few and long.
-    fn evaluate_every(&self) -> u64 {
-        20
-    }
-}
+use tasks::Spec;
 
 /// Proximal policy optimisation, in the middle of a run.
 pub struct Ppo {
     config: PpoConfig,
-    actor: Actor,
     spec: Spec,
+    actor: Actor,
     parameters: Vec<f32>,
     /// One for each set of the actor's parameters.
-    descents: Vec<Descent>,
-    batch: Minibatch,
-    /// In place of rows, where the policy has a memory.
-    windows: Option<Windows>,
+    optimisers: Vec<ActorOptimiser>,
+    /// Minibatches of rows; of sequences where the policy has a memory.
+    minibatch: Minibatch,
+    sequences: Option<SequenceMinibatch>,
+    critic: Critic,
+    value_norm: ValueNorm,
     /// Of a team that learns one after the other.
     ratios: Option<Ratios>,
-    critic: Critic,
-    norm: ValueNorm,
     collectors: Vec<Collector>,
     rollout: Rollout,
+    /// A of every row of the actor, normalised.
+    advantage: Vec<f32>,
+    /// Rows of the actor and of the critic in which all is finite, and the order in which an epoch takes them.
+    actor_rows: Vec<u32>,
+    critic_rows: Vec<u32>,
+    order: [Vec<u32>; 2],
+    /// Targets of the critic's rows.
+    targets: Vec<f32>,
+    /// Sets of the actor's parameters in the order in which they learn, and the rows of the one that does.
+    set_order: Vec<u32>,
+    set_rows: Vec<u32>,
     threads: Threads,
     seed: u64,
     update: u64,
     env_steps: u64,
-    /// Rows of the actor and of the critic that take part, an order of them, and targets.
-    rows: [Vec<u32>; 2],
-    order: [Vec<u32>; 2],
-    targets: Vec<f32>,
-    /// A of every row of the actor.
-    advantage: Vec<f32>,
-    /// Sets of the actor's parameters in the order in which they learn, and the rows of the one whose turn it is.
-    turns: Vec<u32>,
-    own: Vec<u32>,
 }
 
-/// What one set of the actor's parameters goes down with.
-struct Descent {
-    transposed: Transposed,
-    adam: Adam,
-    /// If actions are continuous.
-    gaussians: Option<Gaussians>,
-    /// On the rate: see [`PpoConfig::target_kl`].
-    scale: f64,
+impl Ppo {
+    /// One update: the three steps of the header.
+    fn update(&mut self) -> Result<Update> {
+        let begun = Instant::now();
+        self.collect()?;
+        let collecting = begun.elapsed();
+        self.estimate_advantages()?;
+        let explained_variance = self.normalise_advantages();
+        let metrics = self.optimise();
+        let optimising = begun.elapsed() - collecting;
+        let report = self.report(&metrics, explained_variance, collecting, optimising);
+        self.update_normalisers()?;
+        self.env_steps += (self.config.n_env * self.config.steps) as u64;
+        self.update += 1;
+        Ok(report)
+    }
+
+    /// Step 1: a rollout of every shard under the policy as it is, with V of what it saw.
+    fn collect(&mut self) -> Result<()> {
+        let policy = BehaviourPolicy {
+            actor: &self.actor,
+            parameters: &self.parameters,
+            critic: &self.critic,
+            value_norm: &self.value_norm,
+            seed: self.seed,
+            update: self.update,
+        };
+        let parts = self.rollout.parts(self.collectors.iter().map(|c| c.shard.env.spec().n_env));
+        let mut shards: Vec<_> = self.collectors.iter_mut().zip(parts).collect();
+        self.threads.for_each(&mut shards, |_, (collector, part)| {
+            collector.failed = collector.collect(part, policy).err();
+        });
+        self.collectors.iter_mut().find_map(|collector| collector.failed.take()).map_or(Ok(()), Err)
+    }
+
+    /// Step 2: advantages and targets of all rows, by GAE.
+    fn estimate_advantages(&mut self) -> Result<()> {
+        let (discount, lambda) = (self.config.discount, self.config.lambda.at(self.progress_of_run()));
+        let mut parts = self.rollout.parts(self.collectors.iter().map(|c| c.shard.env.spec().n_env));
+        let mut shards: Vec<_> = parts.iter_mut().map(|part| (part, Ok(()))).collect();
+        self.threads.for_each(&mut shards, |_, (part, done)| *done = part.estimate_advantages(discount, lambda));
+        shards.into_iter().try_for_each(|(_, done)| done)
+    }
+
+    /// Which rows take part; advantages normalised over these, targets on the scale that the critic learns. Gives the share of
+    /// the targets' variance that the critic explained.
+    fn normalise_advantages(&mut self) -> f64 {
+        let Self { rollout: r, actor_rows, critic_rows, targets, advantage, .. } = self;
+        critic_rows.clear();
+        critic_rows.extend((0..r.target.len() as u32).filter(|k| {
+            let k = *k as usize;
+            r.target[k].is_finite() && r.advantage[k].is_finite()
+        }));
+        actor_rows.clear();
+        actor_rows.extend((0..r.log_prob.len() as u32).filter(|row| r.counts(*row as usize)));
+        targets.clear();
+        targets.extend(critic_rows.iter().map(|k| r.target[*k as usize]));
+        let [mean, variance] = moments(critic_rows.iter().map(|k| r.advantage[*k as usize]));
+        let explained = 1.0 - variance / moments(targets.iter().copied())[1].max(f64::MIN_POSITIVE);
+        let inverse = 1.0 / (variance.sqrt() + 1e-8);
+        r.advantage.iter_mut().for_each(|a| *a = ((f64::from(*a) - mean) * inverse) as f32);
+        advantage.clear();
+        advantage.extend((0..r.log_prob.len()).map(|row| r.advantage[r.shape.critic_row(row)]));
+        self.value_norm.update(targets);
+        self.value_norm.normalise(&mut r.target);
+        explained
+    }
+
+    /// Step 3: every set of the actor's parameters goes over the rollout, at HAPPO one after the other; the critic learns beside
+    /// the first.
+    fn optimise(&mut self) -> Metrics {
+        let mut metrics = Metrics::default();
+        let n_set = self.actor.n_set();
+        if self.ratios.is_some() {
+            let mut stream = Stream::new(self.seed, self.update, u64::MAX, Purpose::LEARNING);
+            shuffle(&mut self.set_order, n_set, &mut stream);
+        }
+        for turn in 0..n_set {
+            let set = self.set_order[turn] as usize;
+            self.set_rows.clear();
+            self.set_rows.extend(self.actor_rows.iter().filter(|row| **row as usize % n_set == set));
+            self.epochs(turn, set, &mut metrics);
+            self.weigh_later_advantages(turn, set);
+        }
+        metrics
+    }
+
+    /// Epochs × minibatches of one set of the actor's parameters, and of the critic in the first turn.
+    fn epochs(&mut self, turn: usize, set: usize, metrics: &mut Metrics) {
+        let n_minibatch = self.config.minibatches;
+        for epoch in 0..self.config.epochs {
+            self.shuffle_rows(turn, epoch);
+            let [actor_order, critic_order] = std::mem::take(&mut self.order);
+            let before = metrics.sums;
+            for k in 0..n_minibatch {
+                self.actor_step(set, minibatch(&actor_order, k, n_minibatch), metrics);
+                self.critic_step(minibatch(&critic_order, k, n_minibatch), metrics);
+            }
+            self.order = [actor_order, critic_order];
+            let of_epoch = |k: usize| metrics.sums[k] - before[k];
+            if self.config.stop_kl.is_some_and(|most| of_epoch(sum::KL) > most * of_epoch(sum::COUNT)) {
+                break;
+            }
+        }
+    }
+
+    /// Rows of an epoch (or sequences) in random order.
+    fn shuffle_rows(&mut self, turn: usize, epoch: usize) {
+        let number = 2 + (turn * self.config.epochs + epoch) as u64;
+        let mut stream = Stream::new(self.seed, self.update, number, Purpose::LEARNING);
+        let actor_rows = self.sequences.as_ref().map_or(&self.set_rows, |sequences| &sequences.places);
+        let critic_rows = if turn == 0 { &self.critic_rows[..] } else { &[] };
+        for (order, rows) in self.order.iter_mut().zip([&actor_rows[..], critic_rows]) {
+            shuffle(order, rows.len(), &mut stream);
+            order.iter_mut().for_each(|k| *k = rows[*k as usize]);
+        }
+    }
+
+    /// One step of Adam down the actor's loss over a minibatch.
+    fn actor_step(&mut self, set: usize, chosen: &[u32], metrics: &mut Metrics) {
+        let Some(sums) = self.actor_gradient(set, chosen) else { return };
+        let rate = self.learning_rate(set, self.progress_of_run(), sums[sum::KL] / sums[sum::COUNT]);
+        let gradient = match &mut self.sequences {
+            None => &mut self.minibatch.gradient,
+            Some(sequences) => &mut sequences.minibatch.gradient,
+        };
+        metrics.gradient_norm += clip_norm(gradient, self.config.max_grad_norm);
+        metrics.sums.iter_mut().zip(sums).for_each(|(total, x)| *total += x);
+        metrics.rate = rate;
+        metrics.actor_steps += 1.0;
+        let n = self.actor.n_parameter_of_set();
+        let (parameters, optimiser) = (&mut self.parameters[set * n..(set + 1) * n], &mut self.optimisers[set]);
+        optimiser.adam.descend(parameters, gradient, rate);
+        let (network, extra) = parameters.split_at_mut(self.actor.mlp.n_parameter());
+        self.actor.head.clamp_extra(extra);
+        self.actor.mlp.transpose(network, &mut optimiser.transposed);
+    }
+
+    /// The gradient of the actor's loss over rows or, with memory, over sequences; none if none of them counts.
+    fn actor_gradient(&mut self, set: usize, chosen: &[u32]) -> Option<Sums> {
+        let (rollout, progress) = (&self.rollout, self.progress_of_run());
+        let counts = |row: usize| rollout.counts(row);
+        let n_row = match &mut self.sequences {
+            None => chosen.len(),
+            Some(SequenceMinibatch { all, chosen: taken, .. }) => {
+                taken.clear();
+                taken.extend(chosen.iter().map(|k| all[*k as usize]));
+                taken.iter().flat_map(|sequence| sequence.rows()).filter(|row| counts(*row)).count()
+            }
+        };
+        if n_row == 0 {
+            return None;
+        }
+        let (network, extra) = self.actor.set(&self.parameters, set);
+        let optimiser = &mut self.optimisers[set];
+        optimiser.gaussians.iter_mut().for_each(|gaussians| gaussians.set(extra));
+        let loss = ActorLoss {
+            head: self.actor.head_of(set),
+            gaussians: optimiser.gaussians.as_ref(),
+            extra,
+            rollout,
+            advantage: &self.advantage,
+            clip_epsilon: self.config.clip_epsilon,
+            entropy: self.config.entropy.at(progress),
+            share: 1.0 / n_row as f64,
+        };
+        let net = Weights { parameters: network, transposed: &optimiser.transposed };
+        let (threads, mlp) = (&self.threads, &*self.actor.mlp);
+        Some(match &mut self.sequences {
+            None => self.minibatch.gradient(threads, mlp, net, &rollout.observation, chosen, &loss),
+            Some(SequenceMinibatch { minibatch, chosen, .. }) => {
+                minibatch.gradient(threads, mlp, net, rollout, chosen, &counts, &loss)
+            }
+        })
+    }
+
+    /// Of the next step of a set of the actor's parameters, behind a divergence of `kl`.
+    fn learning_rate(&mut self, set: usize, progress: f64, kl: f64) -> f64 {
+        let base = self.config.learning_rate.at(progress);
+        let Some(target) = self.config.target_kl.map(|target| target.at(progress)) else {
+            return base;
+        };
+        let scale = &mut self.optimisers[set].rate_scale;
+        if kl > 2.0 * target {
+            *scale /= 1.5;
+        } else if kl < 0.5 * target {
+            *scale *= 1.5;
+        }
+        *scale = scale.clamp(1e-2, 10.0);
+        base * *scale
+    }
+
+    /// One step of the critic towards the targets A + V of a minibatch.
+    fn critic_step(&mut self, chosen: &[u32], metrics: &mut Metrics) {
+        let begun = Instant::now();
+        let fit = Fit {
+            rate: self.config.critic_learning_rate.at(self.progress_of_run()),
+            clip: self.config.max_grad_norm,
+            huber: self.config.huber as f32,
+        };
+        let Rollout { target, .. } = &self.rollout;
+        metrics.critic_loss += self.critic.fit(&self.threads, self.rollout.critic_input(), target, chosen, fit);
+        metrics.critic_time += begun.elapsed();
+        metrics.critic_steps += if chosen.is_empty() { 0.0 } else { 1.0 };
+    }
+
+    /// HAPPO: those that learn later take advantages times π/π_old of the one that just did.
+    fn weigh_later_advantages(&mut self, turn: usize, set: usize) {
+        let later = &self.set_order[turn + 1..];
+        let Some(ratios) = self.ratios.as_mut().filter(|_| !later.is_empty()) else { return };
+        ratios.find(&self.threads, (&self.actor, &self.parameters, set), &self.rollout, &self.set_rows);
+        for (row, ratio) in self.set_rows.iter().zip(&ratios.all) {
+            let first = *row as usize - set;
+            later.iter().for_each(|set| self.advantage[first + *set as usize] *= ratio);
+        }
+    }
 }
 
-/// What a policy with memory learns from.
-struct Windows {
-    all: Vec<Sequence>,
-    /// Their places, and those of a minibatch.
-    order: Vec<u32>,
-    chosen: Vec<Sequence>,
-    batch: Sequences,
+/// The actor's loss over a minibatch: −(clipped surrogate + β H(π)), a mean over its rows.
+struct ActorLoss<'a> {
+    head: Head,
+    /// Of continuous actions.
+    gaussians: Option<&'a Gaussians>,
+    extra: &'a [f32],
+    rollout: &'a Rollout,
+    advantage: &'a [f32],
+    clip_epsilon: f64,
+    /// β.
+    entropy: f64,
+    /// 1/rows of the minibatch.
+    share: f64,
 }
 
 /// Sums over rows that a minibatch gives.
@@ -130,23 +330,58 @@ mod sum {
     pub const COUNT: usize = 4;
 }
 
-/// The actor's loss over a minibatch, row by row.
-struct Loss<'a> {
-    head: Head,
-    gaussians: Option<&'a Gaussians>,
-    extra: &'a [f32],
-    rollout: &'a Rollout,
-    advantage: &'a [f32],
-    clip_epsilon: f64,
-    entropy: f64,
-    /// 1/rows of the minibatch.
-    share: f64,
+/// The clipped surrogate min(ρ A, clip(ρ, 1 − ε, 1 + ε) A) of a row: in `f32` for rows side by side, in `f64` for one.
+struct ClippedSurrogate<F> {
+    /// 1 − ε, 1 + ε.
+    range: [F; 2],
+    /// −1/rows: what the loss takes of it.
+    weight: F,
+    /// |ln ρ| below which ρ − 1 − ln ρ is taken by its series, as nothing but rounding would be left of it.
+    series: F,
 }
 
-impl BlockLoss for Loss<'_> {
+/// What [`ClippedSurrogate`] says of a row.
+struct Surrogate<F> {
+    value: F,
+    /// ∂loss/∂ln π(a|o).
+    d_log_prob: F,
+    /// ρ − 1 − ln ρ.
+    kl: F,
+    is_clipped: bool,
+}
+
+impl<F: Scalar + PartialOrd> ClippedSurrogate<F> {
+    fn new(loss: &ActorLoss<'_>, series: f64) -> Self {
+        let range = [1.0 - loss.clip_epsilon, 1.0 + loss.clip_epsilon].map(F::constant);
+        Self { range, weight: F::constant(-loss.share), series: F::constant(series) }
+    }
+
+    #[inline(always)]
+    fn of(&self, log_ratio: F, ratio: F, advantage: F) -> Surrogate<F> {
+        let [least, most] = self.range;
+        let within = (least..=most).contains(&ratio);
+        // the clipped product is the smaller one where ρ has gone too far the way that A pulls
+        let passes = within | ((ratio > F::one()) != (advantage > F::zero()));
+        let x = log_ratio;
+        let terms = [1.0 / 6.0, 1.0 / 24.0, 120.0].map(F::constant);
+        let kl = if x.abs() < self.series {
+            x * x * (F::constant(0.5) + x * (terms[0] + x * (terms[1] + x / terms[2])))
+        } else {
+            ratio - F::one() - x
+        };
+        Surrogate {
+            value: if passes { ratio * advantage } else { ratio.clamp(least, most) * advantage },
+            d_log_prob: if passes { self.weight * ratio * advantage } else { F::zero() },
+            kl,
+            is_clipped: !within,
+        }
+    }
+}
+
+impl BlockLoss for ActorLoss<'_> {
     fn block(&self, rows: &[u32], output: Output<'_>, grad_output: &mut [f32], d_extra: &mut [f32], sums: &mut Sums) {
         if let Some(gaussians) = self.gaussians {
-            return self.block_of(gaussians, rows, output, (grad_output, d_extra), sums);
+            return self.gaussian_block(gaussians, rows, output, (grad_output, d_extra), sums);
         }
         let n_out = grad_output.len() / rows.len().max(1);
         for (k, (grad_output, row)) in grad_output.chunks_exact_mut(n_out).zip(rows).enumerate() {
@@ -155,9 +390,9 @@ impl BlockLoss for Loss<'_> {
     }
 }
 
-impl Loss<'_> {
+impl ActorLoss<'_> {
     /// The rows of a block side by side. Where there is no row, the ratio is 1 and the advantage 0.
-    fn block_of(
+    fn gaussian_block(
         &self,
         gaussians: &Gaussians,
         rows: &[u32],
@@ -165,354 +400,143 @@ impl Loss<'_> {
         gradients: (&mut [f32], &mut [f32]),
         sums: &mut Sums,
     ) {
-        let (n, n_action, share) = (rows.len(), self.rollout.shape.n_action, self.share as f32);
+        let (n, n_action) = (rows.len(), self.rollout.shape.n_action);
         let action = |k: usize| &self.rollout.action[rows[k] as usize * n_action..][..n_action];
         let log_probs = gaussians.log_probs(n, output, &action);
         let [mut log_ratio, mut advantage] = [[0.0_f32; ROWS]; 2];
         for (k, row) in rows.iter().map(|row| *row as usize).enumerate() {
-            // within what f32 can weigh
-            log_ratio[k] = (log_probs[k] - self.rollout.log_prob[row]).clamp(-30.0, 30.0);
+            log_ratio[k] = self.log_ratio(row, log_probs[k]);
             advantage[k] = self.advantage[row];
         }
         let mut ratio = log_ratio;
         exp(&mut ratio);
-        let (least, most) = ((1.0 - self.clip_epsilon) as f32, (1.0 + self.clip_epsilon) as f32);
-        let [mut weight, mut surrogate, mut divergence, mut outside] = [[0.0_f32; ROWS]; 4];
+        let objective = ClippedSurrogate::new(self, 0.1);
+        let [mut surrogate, mut d_log_prob, mut kl, mut clipped] = [[0.0_f32; ROWS]; 4];
         for k in 0..ROWS {
-            let (r, a) = (ratio[k], advantage[k]);
-            let within = (least..=most).contains(&r);
-            // as in `row`
-            let passes = within | ((r > 1.0) != (a > 0.0));
-            surrogate[k] = if passes { r * a } else { r.clamp(least, most) * a };
-            weight[k] = if passes { -share * r * a } else { 0.0 };
-            divergence[k] = ratio_divergence(log_ratio[k], r);
-            outside[k] = if within { 0.0 } else { 1.0 };
+            let own = objective.of(log_ratio[k], ratio[k], advantage[k]);
+            (surrogate[k], d_log_prob[k], kl[k]) = (own.value, own.d_log_prob, own.kl);
+            clipped[k] = if own.is_clipped { 1.0 } else { 0.0 };
         }
         let grad_entropy = (-self.share * self.entropy * n as f64) as f32;
-        gaussians.gradient(n, output, &action, (&weight, grad_entropy), gradients);
+        gaussians.gradient(n, output, &action, (&d_log_prob, grad_entropy), gradients);
         let total = |x: &[f32; ROWS]| f64::from(elementwise::sum(x));
         sums[sum::SURROGATE] -= total(&surrogate);
         sums[sum::ENTROPY] += n as f64 * gaussians.entropy;
-        sums[sum::KL] += total(&divergence);
-        sums[sum::CLIPPED] += total(&outside);
+        sums[sum::KL] += total(&kl);
+        sums[sum::CLIPPED] += total(&clipped);
         sums[sum::COUNT] += n as f64;
     }
 
+    /// One row, for any head.
     fn row(&self, row: usize, output: &[f32], grad_output: &mut [f32], d_extra: &mut [f32], sums: &mut Sums) {
         let (n, extra) = (self.rollout.shape.n_action, self.extra);
         let action = &self.rollout.action[row * n..][..n];
-        let advantage = f64::from(self.advantage[row]);
-        // within what f32 can weigh
-        let log_ratio = (self.head.log_prob(output, extra, action) - self.rollout.log_prob[row]).clamp(-30.0, 30.0);
-        let log_ratio = f64::from(log_ratio);
-        let ratio = log_ratio.exp();
-        let within = (1.0 - self.clip_epsilon..=1.0 + self.clip_epsilon).contains(&ratio);
-        // the clipped product is the smaller one where ρ has gone too far the way that A pulls
-        let passes = within || (ratio > 1.0) != (advantage > 0.0);
-        let surrogate = ratio.clamp(1.0 - self.clip_epsilon, 1.0 + self.clip_epsilon) * advantage;
-        let grad_log_prob = if passes { -self.share * ratio * advantage } else { 0.0 };
+        let log_ratio = f64::from(self.log_ratio(row, self.head.log_prob(output, extra, action)));
+        let objective = ClippedSurrogate::new(self, 0.0);
+        let own = objective.of(log_ratio, log_ratio.exp(), f64::from(self.advantage[row]));
         let grad_entropy = -self.share * self.entropy;
-        self.head.gradient(output, extra, action, grad_log_prob as f32, grad_entropy as f32, grad_output, d_extra);
-        sums[sum::SURROGATE] -= if passes { ratio * advantage } else { surrogate };
+        self.head.gradient(output, extra, action, own.d_log_prob as f32, grad_entropy as f32, grad_output, d_extra);
+        sums[sum::SURROGATE] -= own.value;
         sums[sum::ENTROPY] += f64::from(self.head.entropy(output, extra));
-        sums[sum::KL] += ratio - 1.0 - log_ratio;
-        sums[sum::CLIPPED] += if within { 0.0 } else { 1.0 };
+        sums[sum::KL] += own.kl;
+        sums[sum::CLIPPED] += if own.is_clipped { 1.0 } else { 0.0 };
         sums[sum::COUNT] += 1.0;
+    }
+
+    /// ln ρ, within what `f32` can weigh.
+    fn log_ratio(&self, row: usize, log_prob: f32) -> f32 {
+        (log_prob - self.rollout.log_prob[row]).clamp(-30.0, 30.0)
     }
 }
 
-/// ρ − 1 − ln ρ in `f32`: near ρ = 1, where nothing but rounding would be left, by its series.
-fn ratio_divergence(log_ratio: f32, ratio: f32) -> f32 {
-    let x = log_ratio;
-    if x.abs() < 0.1 { x * x * (0.5 + x * (1.0 / 6.0 + x * (1.0 / 24.0 + x / 120.0))) } else { ratio - 1.0 - x }
+/// Sums over the steps of an update.
+#[derive(Default)]
+struct Metrics {
+    sums: Sums,
+    gradient_norm: f64,
+    rate: f64,
+    actor_steps: f64,
+    critic_loss: f64,
+    critic_steps: f64,
+    critic_time: Duration,
 }
 
 impl Ppo {
-    /// A run from random weights on a task with this configuration; its `n_env` is [`PpoConfig::n_env`].
-    ///
-    /// # Errors
-    /// As [`PpoConfig::validate`] and [`Env::make`]; [`Error::Limit`](base::error::Error::Limit) for rollouts beyond [`EnvConfig::memory_limit`].
-    pub fn new(task: &str, env: &EnvConfig, config: PpoConfig, seed: u64, threads: Threads) -> Result<Self> {
-        Self::with(&|own| Env::make(task, own), env, config, seed, threads)
-    }
-
-    /// As [`Ppo::new`] on a task of one's own: `make` builds each shard's environments from its configuration.
-    ///
-    /// # Errors
-    /// As [`Ppo::new`], and what `make` says.
-    pub fn with(make: &Make<'_>, env: &EnvConfig, config: PpoConfig, seed: u64, threads: Threads) -> Result<Self> {
-        config.validate()?;
-        let env = EnvConfig { n_env: config.n_env, seed, ..config.seen(env) };
-        let sees = CriticSees { central: config.central_critic, privileged: config.privileged_critic };
-        let n_state = config.network.memory.as_ref().map_or(0, Recurrence::units);
-        let shape = |spec: &Spec| Shape::new(spec, config.steps, sees).remembering(n_state);
-        let shards =
-            shards_if(make, &env, config.shard, |first, _| shape(first.spec()).check(config.n_env, env.memory_limit))?;
-        let spec = shards[0].env.spec().clone();
-        let shape = shape(&spec);
-        let actor = config.actor(&spec)?;
-        let stream = |episode| Stream::new(seed, 0, episode, Purpose::LEARNING);
-        let (n_set, n_of_set) = (actor.n_set(), actor.n_parameter_of_set());
-        let mut parameters = Vec::with_capacity(actor.n_parameter());
-        for k in 0..n_set {
-            // number 1 is the critic's
-            let number = if k == 0 { 0 } else { u64::MAX - k as u64 };
-            parameters.extend(actor.mlp.init(&mut stream(number)));
-            parameters.resize((k + 1) * n_of_set, config.log_std as f32);
+    /// What the log tells of an update.
+    fn report(&self, metrics: &Metrics, explained: f64, collecting: Duration, optimising: Duration) -> Update {
+        let n_step = (self.config.n_env * self.config.steps) as f64;
+        let n_row = n_step * self.rollout.shape.n_agent as f64;
+        let (mut episodes, mut reward, mut times) = (Episodes::default(), 0.0, [0.0; 3]);
+        for Collector { stats, .. } in &self.collectors {
+            episodes.add(&stats.episodes);
+            reward += stats.reward;
+            times.iter_mut().zip(stats.times).for_each(|(total, time)| *total += time.as_secs_f64());
         }
-        let part = |rows: usize| (config.n_env * config.steps * rows).div_ceil(config.minibatches);
-        let judged = (part(shape.n_judged), env.memory_limit);
-        let mut critic = Critic::new(shape.n_critic(), &config.critic, config.adam, judged, &mut stream(1))?;
-        let scales = config.normalise_observation && shape.n_central > 0;
-        critic.inputs = scales.then(|| InputScale::new(shape.n_critic()));
-        let windows = config.network.memory.as_ref().map(|memory| {
-            let n_env = shards.iter().map(|shard| shard.env.spec().n_env);
-            let all = sequences(shape, n_env, memory.window());
-            let size = (all.len().div_ceil(config.minibatches), memory.window().min(config.steps));
-            let (n_head, n_extra) = (actor.head.n_output(), actor.head.n_extra());
-            let batch = Sequences::new(&*actor.mlp, n_head, n_extra, size, env.memory_limit)?;
-            Ok(Windows { order: (0..all.len() as u32).collect(), chosen: Vec::with_capacity(size.0), all, batch })
-        });
-        let windows: Option<Windows> = windows.transpose()?;
-        let rows = if windows.is_some() { 0 } else { part(shape.n_agent / n_set) };
-        let mut ppo = Self {
-            descents: (0..n_set)
-                .map(|k| Descent {
-                    transposed: Transposed::default(),
-                    adam: Adam::new(config.adam, n_of_set),
-                    gaussians: Gaussians::of(actor.head_of(k)),
-                    scale: 1.0,
-                })
-                .collect(),
-            ratios: (config.team == Team::Sequential && n_set > 1).then(Ratios::default),
-            batch: Minibatch::new(&*actor.mlp, actor.head.n_extra(), rows, env.memory_limit)?,
-            windows,
-            norm: ValueNorm::new(config.value_beta)?,
-            collectors: shards.into_iter().map(|shard| Collector::new(shard, &actor, &critic)).collect(),
-            rollout: Rollout::new(shape, config.n_env),
-            update: 0,
-            env_steps: 0,
-            rows: Default::default(),
-            order: Default::default(),
-            targets: Vec::new(),
-            advantage: Vec::new(),
-            turns: (0..n_set as u32).collect(),
-            own: Vec::new(),
-            actor,
-            spec,
-            parameters,
-            critic,
-            threads,
-            seed,
-            config,
-        };
-        ppo.transpose();
-        Ok(ppo)
-    }
-
-    /// Weights as backward passes read them.
-    fn transpose(&mut self) {
-        for (k, own) in self.descents.iter_mut().enumerate() {
-            self.actor.mlp.transpose(self.actor.set(&self.parameters, k).0, &mut own.transposed);
+        let all = times.iter().sum::<f64>().max(f64::MIN_POSITIVE);
+        let [acting, stepping, valuing] = times.map(|time| collecting.mul_f64(time / all));
+        let mean = |k: usize| metrics.sums[k] / metrics.sums[sum::COUNT].max(1.0);
+        Update {
+            loss: mean(sum::SURROGATE) - self.config.entropy.at(self.progress_of_run()) * mean(sum::ENTROPY),
+            reward: reward / n_step,
+            episodes,
+            gradient_norm: metrics.gradient_norm / metrics.actor_steps.max(1.0),
+            rate: metrics.rate,
+            extra: vec![
+                ("critic_loss", metrics.critic_loss / metrics.critic_steps.max(1.0)),
+                ("explained_variance", explained),
+                ("entropy", mean(sum::ENTROPY)),
+                ("deviation", self.mean_std()),
+                ("kl", mean(sum::KL)),
+                ("clipped", mean(sum::CLIPPED)),
+                ("rows_left_out", n_row - self.actor_rows.len() as f64),
+            ],
+            phases: vec![
+                ("act", acting),
+                ("step", stepping),
+                ("value", valuing),
+                ("actor", optimising - metrics.critic_time),
+                ("critic", metrics.critic_time),
+            ],
         }
-    }
-
-    /// Of a shard: its `config` is the one that evaluations take, normaliser and all.
-    pub fn spec(&self) -> &Spec {
-        &self.spec
-    }
-
-    /// A rollout of all shards, judged.
-    fn collect(&mut self) -> Result<()> {
-        let (actor, parameters, critic) = (&self.actor, &self.parameters, &self.critic);
-        let how = How { actor, parameters, critic, norm: &self.norm, seed: self.seed, update: self.update };
-        let parts = self.rollout.parts(self.collectors.iter().map(|c| c.shard.env.spec().n_env));
-        let mut own: Vec<_> = self.collectors.iter_mut().zip(parts).collect();
-        let progress = share_done(self.update, self.config.updates);
-        let (discount, lambda) = (self.config.discount, self.config.lambda.at(progress));
-        self.threads.for_each(&mut own, |_, (collector, part)| {
-            let done = collector.collect(part, how).and_then(|()| part.judge(discount, lambda));
-            collector.failed = done.err();
-        });
-        match self.collectors.iter_mut().find_map(|c| c.failed.take()) {
-            Some(error) => Err(error),
-            None => Ok(()),
-        }
-    }
-
-    /// Which rows take part; advantages and targets on the scales that are learnt. Gives the share of the targets'
-    /// variance that the critic explained.
-    fn prepare(&mut self) -> f64 {
-        let Self { rollout: r, rows: [actors, judged], targets, advantage, .. } = self;
-        judged.clear();
-        judged.extend((0..r.target.len() as u32).filter(|k| {
-            let k = *k as usize;
-            r.target[k].is_finite() && r.advantage[k].is_finite()
-        }));
-        actors.clear();
-        actors.extend((0..r.log_prob.len() as u32).filter(|k| {
-            let k = *k as usize;
-            r.log_prob[k].is_finite() && r.advantage[r.shape.judged(k)].is_finite()
-        }));
-        targets.clear();
-        targets.extend(judged.iter().map(|k| r.target[*k as usize]));
-        let [mean, variance] = moments(judged.iter().map(|k| r.advantage[*k as usize]));
-        let explained = 1.0 - variance / moments(targets.iter().copied())[1].max(f64::MIN_POSITIVE);
-        let inverse = 1.0 / (variance.sqrt() + 1e-8);
-        r.advantage.iter_mut().for_each(|a| *a = ((f64::from(*a) - mean) * inverse) as f32);
-        advantage.clear();
-        advantage.extend((0..r.log_prob.len()).map(|row| r.advantage[r.shape.judged(row)]));
-        self.norm.update(targets);
-        self.norm.normalise(&mut r.target);
-        explained
-    }
-
-    /// All passes over the rollout; gives the sums of the actor, of its gradient's norm and of the critic's loss, and
-    /// the time of the critic, which learns beside the first set of the actor's parameters.
-    fn learn(&mut self) -> Learnt {
-        let mut learnt = Learnt::default();
-        if self.ratios.is_some() {
-            let mut stream = Stream::new(self.seed, self.update, u64::MAX, Purpose::LEARNING);
-            shuffle(&mut self.turns, self.actor.n_set(), &mut stream);
-        }
-        for turn in 0..self.turns.len() {
-            let set = self.turns[turn] as usize;
-            let n_set = self.actor.n_set();
-            self.own.clear();
-            self.own.extend(self.rows[0].iter().filter(|row| **row as usize % n_set == set));
-            self.take_turn(turn, set, &mut learnt);
-            if let Some(ratios) = self.ratios.as_mut().filter(|_| turn + 1 < n_set) {
-                ratios.find(&self.threads, (&self.actor, &self.parameters, set), &self.rollout, &self.own);
-                for (row, ratio) in self.own.iter().zip(&ratios.all) {
-                    let first = *row as usize - set;
-                    self.turns[turn + 1..].iter().for_each(|later| self.advantage[first + *later as usize] *= ratio);
-                }
-            }
-        }
-        learnt
-    }
-
-    /// All passes of one set of the actor's parameters.
-    fn take_turn(&mut self, turn: usize, set: usize, learnt: &mut Learnt) {
-        let progress = share_done(self.update, self.config.updates);
-        let fit = Fit {
-            rate: self.config.critic_learning_rate.at(progress),
-            clip: self.config.max_grad_norm,
-            huber: self.config.huber as f32,
-        };
-        let epochs = self.config.epochs as u64;
-        for epoch in 0..epochs {
-            let mut stream = Stream::new(self.seed, self.update, 2 + turn as u64 * epochs + epoch, Purpose::LEARNING);
-            let judged = if turn == 0 { &self.rows[1][..] } else { &[] };
-            let actors = self.windows.as_ref().map_or(&self.own, |windows| &windows.order);
-            for (order, rows) in self.order.iter_mut().zip([&actors[..], judged]) {
-                shuffle(order, rows.len(), &mut stream);
-                order.iter_mut().for_each(|k| *k = rows[*k as usize]);
-            }
-            let [actors, judged] = std::mem::take(&mut self.order);
-            let before = learnt.sums;
-            for k in 0..self.config.minibatches {
-                self.improve(set, part(&actors, k, self.config.minibatches), progress, learnt);
-                let begun = Instant::now();
-                let Rollout { target, .. } = &self.rollout;
-                let of_critic = part(&judged, k, self.config.minibatches);
-                learnt.value += self.critic.fit(&self.threads, self.rollout.seen(), target, of_critic, fit);
-                learnt.judging += begun.elapsed();
-                learnt.critic_steps += if of_critic.is_empty() { 0.0 } else { 1.0 };
-            }
-            self.order = [actors, judged];
-            let of_pass = |k: usize| learnt.sums[k] - before[k];
-            if self.config.stop_kl.is_some_and(|most| of_pass(sum::KL) > most * of_pass(sum::COUNT)) {
-                break;
-            }
-        }
-    }
-
-    /// One step of a set of the actor's parameters, from rows or, with memory, from sequences.
-    fn improve(&mut self, set: usize, chosen: &[u32], progress: f64, learnt: &mut Learnt) {
-        let rollout = &self.rollout;
-        let counts =
-            |row: usize| rollout.log_prob[row].is_finite() && rollout.advantage[rollout.shape.judged(row)].is_finite();
-        let n_row = match &mut self.windows {
-            None => chosen.len(),
-            Some(Windows { all, chosen: own, .. }) => {
-                own.clear();
-                own.extend(chosen.iter().map(|k| all[*k as usize]));
-                own.iter().flat_map(|own| own.rows()).filter(|row| counts(*row)).count()
-            }
-        };
-        if n_row == 0 {
-            return;
-        }
-        let (network, extra) = self.actor.set(&self.parameters, set);
-        let descent = &mut self.descents[set];
-        descent.gaussians.iter_mut().for_each(|gaussians| gaussians.set(extra));
-        let loss = Loss {
-            head: self.actor.head_of(set),
-            gaussians: descent.gaussians.as_ref(),
-            extra,
-            rollout: &self.rollout,
-            advantage: &self.advantage,
-            clip_epsilon: self.config.clip_epsilon,
-            entropy: self.config.entropy.at(progress),
-            share: 1.0 / n_row as f64,
-        };
-        let net = Weights { parameters: network, transposed: &descent.transposed };
-        let (threads, mlp) = (&self.threads, &*self.actor.mlp);
-        let sums = match &mut self.windows {
-            None => self.batch.gradient(threads, mlp, net, &rollout.observation, chosen, &loss),
-            Some(own) => own.batch.gradient(threads, mlp, net, rollout, &own.chosen, &counts, &loss),
-        };
-        let rate = self.rate(set, progress, sums[sum::KL] / sums[sum::COUNT]);
-        let gradient = match &mut self.windows {
-            None => &mut self.batch.gradient,
-            Some(own) => &mut own.batch.gradient,
-        };
-        learnt.gradient_norm += clip_norm(gradient, self.config.max_grad_norm);
-        learnt.sums.iter_mut().zip(sums).for_each(|(all, own)| *all += own);
-        learnt.rate = rate;
-        learnt.actor_steps += 1.0;
-        let n = self.actor.n_parameter_of_set();
-        let (own, descent) = (&mut self.parameters[set * n..(set + 1) * n], &mut self.descents[set]);
-        descent.adam.descend(own, gradient, rate);
-        let (network, extra) = own.split_at_mut(self.actor.mlp.n_parameter());
-        self.actor.head.clamp_extra(extra);
-        self.actor.mlp.transpose(network, &mut descent.transposed);
-    }
-
-    /// Learning rate of the next step of a set of the actor's parameters, behind a divergence of `kl`.
-    fn rate(&mut self, set: usize, progress: f64, kl: f64) -> f64 {
-        let base = self.config.learning_rate.at(progress);
-        let Some(target) = self.config.target_kl.map(|target| target.at(progress)) else {
-            return base;
-        };
-        let scale = &mut self.descents[set].scale;
-        if kl > 2.0 * target {
-            *scale /= 1.5;
-        } else if kl < 0.5 * target {
-            *scale *= 1.5;
-        }
-        *scale = scale.clamp(1e-2, 10.0);
-        base * *scale
     }
 
     /// Standard deviation of continuous actions, a mean over their numbers; 0 of others.
-    fn deviation(&self) -> f64 {
+    fn mean_std(&self) -> f64 {
         let extra = || (0..self.actor.n_set()).flat_map(|k| self.actor.set(&self.parameters, k).1);
         extra().map(|x| f64::from(*x).exp()).sum::<f64>() / extra().count().max(1) as f64
     }
+
+    /// Takes what was seen into the scales of observations, which are frozen during a rollout.
+    fn update_normalisers(&mut self) -> Result<()> {
+        if let Some(scale) = &mut self.critic.inputs {
+            scale.take(self.collectors.iter().map(|collector| &collector.apart));
+        }
+        normalise(&mut self.collectors.iter_mut().map(|c| &mut c.shard).collect::<Vec<_>>())
+    }
+
+    fn progress_of_run(&self) -> f64 {
+        share_done(self.update, self.config.updates)
+    }
 }
 
-/// Sums over minibatches.
-#[derive(Default)]
-struct Learnt {
-    sums: Sums,
-    gradient_norm: f64,
-    value: f64,
-    actor_steps: f64,
-    critic_steps: f64,
-    rate: f64,
-    judging: Duration,
+/// What one set of the actor's parameters learns with.
+struct ActorOptimiser {
+    transposed: Transposed,
+    adam: Adam,
+    /// If actions are continuous.
+    gaussians: Option<Gaussians>,
+    /// On the rate: see [`PpoConfig::target_kl`].
+    rate_scale: f64,
+}
+
+/// What a policy with memory learns from.
+struct SequenceMinibatch {
+    all: Vec<Sequence>,
+    /// Their places in `all`.
+    places: Vec<u32>,
+    /// Those of a minibatch.
+    chosen: Vec<Sequence>,
+    minibatch: Sequences,
 }
 
 /// Mean and variance.
@@ -520,110 +544,4 @@ fn moments(x: impl Iterator<Item = f32> + Clone) -> [f64; 2] {
     let n = x.clone().count().max(1) as f64;
     let mean = x.clone().map(f64::from).sum::<f64>() / n;
     [mean, x.map(|x| (f64::from(x) - mean).powi(2)).sum::<f64>() / n]
-}
-
-impl Learner for Ppo {
-    fn update(&mut self) -> Result<Update> {
-        let begun = Instant::now();
-        self.collect()?;
-        let collected = begun.elapsed();
-        let explained = self.prepare();
-        let learnt = self.learn();
-        if let Some(scale) = &mut self.critic.inputs {
-            scale.take(self.collectors.iter().map(|collector| &collector.apart));
-        }
-        let learning = begun.elapsed() - collected;
-        normalise(&mut self.collectors.iter_mut().map(|c| &mut c.shard).collect::<Vec<_>>())?;
-        let shape = self.rollout.shape;
-        let n_step = (self.config.n_env * self.config.steps) as f64;
-        self.update += 1;
-        self.env_steps += n_step as u64;
-        let (mut episodes, mut reward, mut times) = (Episodes::default(), 0.0, [0.0; 3]);
-        for Collector { seen, .. } in &self.collectors {
-            episodes.add(&seen.episodes);
-            reward += seen.reward;
-            times.iter_mut().zip(seen.times).for_each(|(sum, time)| *sum += time.as_secs_f64());
-        }
-        let all = times.iter().sum::<f64>().max(f64::MIN_POSITIVE);
-        let [acting, stepping, valuing] = times.map(|time| collected.mul_f64(time / all));
-        let mean = |k: usize| learnt.sums[k] / learnt.sums[sum::COUNT].max(1.0);
-        let progress = share_done(self.update - 1, self.config.updates);
-        Ok(Update {
-            loss: mean(sum::SURROGATE) - self.config.entropy.at(progress) * mean(sum::ENTROPY),
-            reward: reward / n_step,
-            episodes,
-            gradient_norm: learnt.gradient_norm / learnt.actor_steps.max(1.0),
-            rate: learnt.rate,
-            extra: vec![
-                ("critic_loss", learnt.value / learnt.critic_steps.max(1.0)),
-                ("explained_variance", explained),
-                ("entropy", mean(sum::ENTROPY)),
-                ("deviation", self.deviation()),
-                ("kl", mean(sum::KL)),
-                ("clipped", mean(sum::CLIPPED)),
-                ("rows_left_out", n_step * shape.n_agent as f64 - self.rows[0].len() as f64),
-            ],
-            phases: vec![
-                ("act", acting),
-                ("step", stepping),
-                ("value", valuing),
-                ("actor", learning - learnt.judging),
-                ("critic", learnt.judging),
-            ],
-        })
-    }
-
-    fn progress(&self) -> Progress {
-        Progress { update: self.update, budget: self.config.updates, env_steps: self.env_steps }
-    }
-
-    fn set_difficulty(&mut self, share: f64) -> Result<()> {
-        set_difficulty(self.collectors.iter_mut().map(|c| &mut c.shard), share)
-    }
-
-    fn warm_start(&mut self, start: &WarmStart) -> Result<()> {
-        start.check(&self.actor)?;
-        let (n, n_of_set) = (self.actor.mlp.n_parameter(), self.actor.n_parameter_of_set());
-        for (to, from) in self.parameters.chunks_exact_mut(n_of_set).zip(start.parameters.chunks_exact(n)) {
-            to[..n].copy_from_slice(from);
-        }
-        self.transpose();
-        begin_statistics(self.collectors.iter_mut().map(|c| &mut c.shard), start.statistics.as_ref())
-    }
-
-    fn policy(&self) -> Result<Policy> {
-        Policy::of(&self.actor, &self.parameters, &self.collectors[0].shard.env)
-    }
-
-    fn save(&self, policy: &mut Tensors, out: &mut Tensors) -> Result<()> {
-        state::put_actor(policy, &self.actor, &self.parameters)?;
-        for (k, own) in self.descents.iter().enumerate() {
-            state::put_adam(out, &self.actor.set_name(k), &own.adam)?;
-        }
-        self.critic.save(out)?;
-        state::put_counters(out, [self.update, self.env_steps])?;
-        state::put_value_norm(out, &self.norm)?;
-        out.insert("rate_scale", &[self.descents.len()], self.descents.iter().map(|own| own.scale).collect())?;
-        state::put_recalls(out, self.collectors.iter().map(|c| &c.recall))?;
-        state::put_shards(out, self.collectors.iter().map(|c| &c.shard))
-    }
-
-    fn load(&mut self, policy: &Tensors, from: &Tensors) -> Result<()> {
-        let parameters = state::actor(policy, &self.actor)?;
-        let (n_set, n) = (self.actor.n_set(), self.actor.n_parameter_of_set());
-        let adam = (0..n_set).map(|k| state::adam(from, &self.actor.set_name(k), self.config.adam, n));
-        let adam = adam.collect::<Result<Vec<_>>>()?;
-        let [update, env_steps] = state::counters(from)?;
-        let scales = from.get::<f64>("rate_scale", &[n_set])?.to_vec();
-        state::load_value_norm(from, &mut self.norm)?;
-        self.critic.load(from)?;
-        state::load_recalls(from, self.collectors.iter_mut().map(|c| &mut c.recall))?;
-        state::load_shards(from, self.collectors.iter_mut().map(|c| &mut c.shard))?;
-        for (own, (adam, scale)) in self.descents.iter_mut().zip(adam.into_iter().zip(scales)) {
-            (own.adam, own.scale) = (adam, scale);
-        }
-        (self.parameters, self.update, self.env_steps) = (parameters, update, env_steps);
-        self.transpose();
-        Ok(())
-    }
 }

@@ -4,7 +4,7 @@
 //! them: the last one holds what is seen behind the rollout and its value, and has no action and no advantage. So an
 //! environment writes its observations where minibatches will read them.
 //!
-//! A critic that judges the central state has one row per environment, which is worth the mean reward of its agents;
+//! A critic that values the central state has one row per environment, which is worth the mean reward of its agents;
 //! otherwise every agent has its own. Behind what it sees may stand the numbers of the episode that no policy is told
 //! (an asymmetric critic: Pinto et al. 2018).
 
@@ -31,7 +31,7 @@ pub struct Shape {
     /// A.
     pub n_agent: usize,
     /// Rows of the critic per environment: 1, or one per agent.
-    pub n_judged: usize,
+    pub n_value: usize,
     /// Numbers that an agent sees.
     pub n_observation: usize,
     /// Of the state that the critic sees; 0 where it sees observations.
@@ -60,7 +60,7 @@ impl Shape {
         Self {
             steps,
             n_agent: spec.n_agent,
-            n_judged: if central { 1 } else { spec.n_agent },
+            n_value: if central { 1 } else { spec.n_agent },
             n_observation: spec.n_observation,
             n_central: if central { spec.n_central } else { 0 },
             n_privileged: if sees.privileged { spec.privileged.len() } else { 0 },
@@ -82,7 +82,7 @@ impl Shape {
         let slots = (n_env as u64).saturating_mul(self.steps as u64 + 1);
         let rows = slots.saturating_mul(self.n_agent as u64);
         let of_agent = (self.n_observation + self.n_action + self.n_state + 2) * self.n_agent
-            + (5 + self.n_apart()) * self.n_judged;
+            + (5 + self.n_apart()) * self.n_value;
         let bytes = slots.saturating_mul(4 * of_agent as u64 + 2);
         if rows > u64::from(u32::MAX) {
             let remedy = "Take fewer environments or steps.";
@@ -112,14 +112,14 @@ impl Shape {
         for (k, (to, base)) in rows.enumerate() {
             let (own, known) = to.split_at_mut(self.n_base());
             own.copy_from_slice(base);
-            let first = k / self.n_judged * self.n_privileged;
+            let first = k / self.n_value * self.n_privileged;
             known.copy_from_slice(&privileged[first..first + self.n_privileged]);
         }
     }
 
     /// Row of the critic for the row of an agent.
-    pub fn judged(&self, row: usize) -> usize {
-        if self.n_judged == self.n_agent { row } else { row / self.n_agent }
+    pub fn critic_row(&self, row: usize) -> usize {
+        if self.n_value == self.n_agent { row } else { row / self.n_agent }
     }
 }
 
@@ -156,7 +156,7 @@ pub struct Rollout {
 }
 
 /// The rows of one shard.
-pub struct Part<'a> {
+pub struct RolloutPart<'a> {
     /// Widths of the rows.
     pub shape: Shape,
     /// Environments of the shard.
@@ -193,7 +193,7 @@ impl Rollout {
     /// Empty rows of `n_env` environments.
     pub fn new(shape: Shape, n_env: usize) -> Self {
         let slots = n_env * (shape.steps + 1);
-        let (rows, judged) = (slots * shape.n_agent, slots * shape.n_judged);
+        let (rows, critic_rows) = (slots * shape.n_agent, slots * shape.n_value);
         Self {
             shape,
             observation: vec![0.0; rows * shape.n_observation],
@@ -201,31 +201,36 @@ impl Rollout {
             log_prob: vec![f32::NAN; rows],
             state: vec![0.0; rows * shape.n_state],
             begins: vec![0; if shape.n_state > 0 { rows } else { 0 }],
-            apart: vec![0.0; judged * shape.n_apart()],
-            reward: vec![0.0; judged],
-            value: vec![0.0; judged],
-            next_value: vec![0.0; judged],
-            advantage: vec![f32::NAN; judged],
-            target: vec![f32::NAN; judged],
+            apart: vec![0.0; critic_rows * shape.n_apart()],
+            reward: vec![0.0; critic_rows],
+            value: vec![0.0; critic_rows],
+            next_value: vec![0.0; critic_rows],
+            advantage: vec![f32::NAN; critic_rows],
+            target: vec![f32::NAN; critic_rows],
             terminated: vec![0; slots],
             truncated: vec![0; slots],
         }
     }
 
+    /// Whether an agent's row has anything to learn from: all that its loss reads is finite.
+    pub fn counts(&self, row: usize) -> bool {
+        self.log_prob[row].is_finite() && self.advantage[self.shape.critic_row(row)].is_finite()
+    }
+
     /// What the critic sees.
-    pub fn seen(&self) -> &[f32] {
+    pub fn critic_input(&self) -> &[f32] {
         if self.shape.n_apart() > 0 { &self.apart } else { &self.observation }
     }
 
     /// The rows of shards of so many environments each.
-    pub fn parts(&mut self, n_env: impl Iterator<Item = usize>) -> Vec<Part<'_>> {
+    pub fn parts(&mut self, n_env: impl Iterator<Item = usize>) -> Vec<RolloutPart<'_>> {
         fn take<'a, T>(rest: &mut &'a mut [T], n: usize) -> &'a mut [T] {
             let (own, behind) = std::mem::take(rest).split_at_mut(n);
             *rest = behind;
             own
         }
         let s = self.shape;
-        let mut all = Part {
+        let mut all = RolloutPart {
             shape: s,
             n_env: 0,
             observation: &mut self.observation,
@@ -244,8 +249,8 @@ impl Rollout {
         };
         let own = |n_env: usize| {
             let slots = n_env * (s.steps + 1);
-            let (rows, judged) = (slots * s.n_agent, slots * s.n_judged);
-            Part {
+            let (rows, critic_rows) = (slots * s.n_agent, slots * s.n_value);
+            RolloutPart {
                 shape: s,
                 n_env,
                 observation: take(&mut all.observation, rows * s.n_observation),
@@ -253,12 +258,12 @@ impl Rollout {
                 log_prob: take(&mut all.log_prob, rows),
                 state: take(&mut all.state, rows * s.n_state),
                 begins: take(&mut all.begins, if s.n_state > 0 { rows } else { 0 }),
-                apart: take(&mut all.apart, judged * s.n_apart()),
-                reward: take(&mut all.reward, judged),
-                value: take(&mut all.value, judged),
-                next_value: take(&mut all.next_value, judged),
-                advantage: take(&mut all.advantage, judged),
-                target: take(&mut all.target, judged),
+                apart: take(&mut all.apart, critic_rows * s.n_apart()),
+                reward: take(&mut all.reward, critic_rows),
+                value: take(&mut all.value, critic_rows),
+                next_value: take(&mut all.next_value, critic_rows),
+                advantage: take(&mut all.advantage, critic_rows),
+                target: take(&mut all.target, critic_rows),
                 terminated: take(&mut all.terminated, slots),
                 truncated: take(&mut all.truncated, slots),
             }
@@ -267,28 +272,28 @@ impl Rollout {
     }
 }
 
-impl Part<'_> {
+impl RolloutPart<'_> {
     /// Advantages and targets. Rows in which anything is not finite get an advantage, a target or a log-probability
     /// that is not.
     ///
     /// # Errors
     /// As [`advantages`].
-    pub fn judge(&mut self, discount: f64, lambda: f64) -> Result<()> {
+    pub fn estimate_advantages(&mut self, discount: f64, lambda: f64) -> Result<()> {
         let s = self.shape;
-        let (flags, judged) = (s.steps * self.n_env, s.steps * self.n_env * s.n_judged);
+        let (flags, critic_rows) = (s.steps * self.n_env, s.steps * self.n_env * s.n_value);
         let steps = Steps {
-            reward: &self.reward[..judged],
-            value: &self.value[..judged],
-            next_value: &self.next_value[..judged],
+            reward: &self.reward[..critic_rows],
+            value: &self.value[..critic_rows],
+            next_value: &self.next_value[..critic_rows],
             terminated: &self.terminated[..flags],
             truncated: &self.truncated[..flags],
             n_env: self.n_env,
-            n_agent: s.n_judged,
+            n_agent: s.n_value,
         };
-        advantages(&steps, discount, lambda, &mut self.advantage[..judged], &mut self.target[..judged])?;
+        advantages(&steps, discount, lambda, &mut self.advantage[..critic_rows], &mut self.target[..critic_rows])?;
         let broken = |x: &[f32]| x.iter().fold(false, |broken, x| broken | !x.is_finite());
         let seen: &[f32] = if s.n_apart() > 0 { self.apart } else { self.observation };
-        for (row, x) in seen.chunks_exact(s.n_critic()).take(judged).enumerate() {
+        for (row, x) in seen.chunks_exact(s.n_critic()).take(critic_rows).enumerate() {
             if broken(x) {
                 (self.advantage[row], self.target[row]) = (f32::NAN, f32::NAN);
             }
@@ -303,24 +308,24 @@ impl Part<'_> {
     }
 }
 
-/// What all shards share while they collect.
+/// The policy that all shards fly while they collect, and the critic that values what they see.
 #[derive(Clone, Copy)]
-pub struct How<'a> {
-    /// The policy's shape.
+pub struct BehaviourPolicy<'a> {
+    /// Its shape.
     pub actor: &'a Actor,
     /// Of its network, then of its head.
     pub parameters: &'a [f32],
-    /// What judges.
+    /// What values it.
     pub critic: &'a Critic,
     /// The scale of what it says.
-    pub norm: &'a ValueNorm,
+    pub value_norm: &'a ValueNorm,
     /// Of the run.
     pub seed: u64,
     /// Updates done: exploration is drawn anew in each.
     pub update: u64,
 }
 
-impl How<'_> {
+impl BehaviourPolicy<'_> {
     /// Of the stream of environment `i` of a shard: one for each and every rollout, so that results depend neither on shards nor on
     /// threads, and none is saved.
     fn key(&self, first_environment: u64, i: usize) -> [u64; 4] {
@@ -333,7 +338,7 @@ pub struct Collector {
     /// The environments.
     pub shard: Shard,
     /// Of the last rollout.
-    pub seen: Seen,
+    pub stats: RolloutStats,
     /// What went wrong in it, for who collects in parallel.
     pub failed: Option<Error>,
     /// Of every environment, where actions are whole numbers.
@@ -360,7 +365,7 @@ pub struct Collector {
 
 /// Figures of one shard's rollout.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Seen {
+pub struct RolloutStats {
     /// Σ over environments and steps.
     pub reward: f64,
     /// Those that ended.
@@ -374,7 +379,7 @@ impl Collector {
     pub fn new(shard: Shard, actor: &Actor, critic: &Critic) -> Self {
         let rows = shard.env.spec().n_env * shard.env.spec().n_agent;
         Self {
-            seen: Seen::default(),
+            stats: RolloutStats::default(),
             recall: Recall::new(actor, rows, ROWS),
             failed: None,
             streams: Vec::with_capacity(shard.env.spec().n_env),
@@ -396,22 +401,22 @@ impl Collector {
     ///
     /// # Errors
     /// As [`Env::step`](tasks::Env::step).
-    pub fn collect(&mut self, part: &mut Part<'_>, how: How<'_>) -> Result<()> {
+    pub fn collect(&mut self, part: &mut RolloutPart<'_>, policy: BehaviourPolicy<'_>) -> Result<()> {
         let s = part.shape;
         let n_env = part.n_env;
-        let (n_seen, n_apart) = (n_env * s.n_agent * s.n_observation, n_env * s.n_judged * s.n_apart());
-        self.seen = Seen::default();
+        let (n_seen, n_apart) = (n_env * s.n_agent * s.n_observation, n_env * s.n_value * s.n_apart());
+        self.stats = RolloutStats::default();
         self.ends.clear();
         self.end_rows.clear();
         self.streams.clear();
         if self.gaussians.is_empty() {
             let first = self.shard.env.spec().config.first_environment;
-            self.streams.extend((0..n_env).map(|i| Stream::restore(how.key(first, i), 0)));
+            self.streams.extend((0..n_env).map(|i| Stream::restore(policy.key(first, i), 0)));
         }
-        let of_team = self.gaussians.iter().map(Gaussians::n).sum::<usize>() * s.n_agent / how.actor.n_set();
+        let of_team = self.gaussians.iter().map(Gaussians::n).sum::<usize>() * s.n_agent / policy.actor.n_set();
         self.noise.resize(n_env * of_team, 0.0);
         for (k, gaussians) in self.gaussians.iter_mut().enumerate() {
-            gaussians.set(how.actor.set(how.parameters, k).1);
+            gaussians.set(policy.actor.set(policy.parameters, k).1);
         }
         part.observation[..n_seen].copy_from_slice(&self.shard.out.observation);
         let Shard { env, out } = &self.shard;
@@ -419,24 +424,24 @@ impl Collector {
         let base = if s.n_central > 0 { &out.central } else { &out.observation };
         s.join(base, &self.known, &mut part.apart[..n_apart]);
         for t in 0..s.steps {
-            self.step(part, how, t)?;
+            self.step(part, policy, t)?;
         }
         self.shard.out.observation.copy_from_slice(&part.observation[s.steps * n_seen..]);
         if s.n_central > 0 && s.n_privileged == 0 {
             self.shard.out.central.copy_from_slice(&part.apart[s.steps * n_apart..]);
         }
-        self.value(part, how);
+        self.value(part, policy);
         Ok(())
     }
 
     /// The normal numbers of step t: what the streams would give one after the other.
-    fn draw(&mut self, n_env: usize, how: How<'_>, t: usize) {
+    fn draw(&mut self, n_env: usize, policy: BehaviourPolicy<'_>, t: usize) {
         let (first, of_team) = (self.shard.env.spec().config.first_environment, self.noise.len() / n_env);
-        let stream = |i| (how.key(first, i), (NORMAL_WORDS * of_team * t) as u64);
+        let stream = |i| (policy.key(first, i), (NORMAL_WORDS * of_team * t) as u64);
         normals(n_env, of_team, stream, |i, k, x| self.noise[i * of_team + k] = x);
     }
 
-    fn step(&mut self, part: &mut Part<'_>, how: How<'_>, t: usize) -> Result<()> {
+    fn step(&mut self, part: &mut RolloutPart<'_>, policy: BehaviourPolicy<'_>, t: usize) -> Result<()> {
         let begun = Instant::now();
         let s = part.shape;
         let (n_env, rows) = (part.n_env, part.n_env * s.n_agent);
@@ -447,21 +452,21 @@ impl Collector {
             part.state[t * rows * s.n_state..][..rows * s.n_state].copy_from_slice(&self.recall.state);
             part.begins[t * rows..][..rows].copy_from_slice(&self.recall.begins);
         }
-        self.draw(n_env, how, t);
+        self.draw(n_env, policy, t);
         let of_team = self.noise.len() / n_env;
-        for block in how.actor.blocks(rows) {
-            let (network, extra) = how.actor.set(how.parameters, block.set);
+        for block in policy.actor.blocks(rows) {
+            let (network, extra) = policy.actor.set(policy.parameters, block.set);
             let before: usize = self.gaussians.iter().take(block.set).map(Gaussians::n).sum();
             let x = block.of(now, s.n_observation, &mut self.gathered);
-            let output = self.recall.forward(how.actor, network, x, block.first, &mut self.of_actor);
-            let (head, gaussians) = (how.actor.head_of(block.set), self.gaussians.get(block.set));
+            let output = self.recall.forward(policy.actor, network, x, block.first, &mut self.of_actor);
+            let (head, gaussians) = (policy.actor.head_of(block.set), self.gaussians.get(block.set));
             for (k, row) in (0..block.rows).map(|k| (k, block.row(k))) {
                 let (i, agent) = (row / s.n_agent, row % s.n_agent);
                 let action = &mut actions[row * s.n_action..][..s.n_action];
                 match gaussians {
                     Some(gaussians) => {
                         // behind that of agents of other sets, then of those before it in its own
-                        let at = i * of_team + before + agent / how.actor.n_set() * gaussians.n();
+                        let at = i * of_team + before + agent / policy.actor.n_set() * gaussians.n();
                         gaussians.sample(output.row(k), &self.noise[at..], action);
                     }
                     None => log_probs[row] = head.sample(output.row(k), extra, &mut self.streams[i], action),
@@ -476,7 +481,7 @@ impl Collector {
         let acted = Instant::now();
         let Shard { env, out } = &mut self.shard;
         let next = &mut next[..rows * s.n_observation];
-        let n_apart = n_env * s.n_judged * s.n_apart();
+        let n_apart = n_env * s.n_value * s.n_apart();
         let (known, apart) = part.apart[t * n_apart..].split_at_mut(n_apart);
         let apart = &mut apart[..n_apart];
         let mut to = StepOut { observation: &mut *next, ..out.out() };
@@ -495,36 +500,36 @@ impl Collector {
         part.terminated[t * n_env..][..n_env].copy_from_slice(&out.terminated);
         part.truncated[t * n_env..][..n_env].copy_from_slice(&out.truncated);
         // as many agents as share a row of the critic
-        let team = s.n_agent / s.n_judged;
-        let judged = t * n_env * s.n_judged;
-        for (to, own) in part.reward[judged..].iter_mut().zip(out.reward.chunks_exact(team)) {
+        let team = s.n_agent / s.n_value;
+        let critic_rows = t * n_env * s.n_value;
+        for (to, own) in part.reward[critic_rows..].iter_mut().zip(out.reward.chunks_exact(team)) {
             *to = own.iter().sum::<f32>() / team as f32;
         }
         let finite = out.reward.iter().filter(|x| x.is_finite());
-        self.seen.reward += finite.map(|x| f64::from(*x)).sum::<f64>() / s.n_agent as f64;
-        self.seen.episodes.add(&episodes(env.spec(), out)?);
+        self.stats.reward += finite.map(|x| f64::from(*x)).sum::<f64>() / s.n_agent as f64;
+        self.stats.episodes.add(&episodes(env.spec(), out)?);
         let last = if s.n_central > 0 { &out.final_central } else { &out.final_observation };
         for i in (0..n_env).filter(|i| out.truncated[*i] == 1 && out.terminated[*i] == 0) {
-            for k in i * s.n_judged..(i + 1) * s.n_judged {
+            for k in i * s.n_value..(i + 1) * s.n_value {
                 self.ends.extend(&last[k * s.n_base()..][..s.n_base()]);
                 // of the episode that ended
                 self.ends.extend(&known[k * s.n_apart()..][..s.n_apart()][s.n_base().min(s.n_apart())..]);
             }
-            self.end_rows.extend((0..s.n_judged).map(|k| judged + i * s.n_judged + k));
+            self.end_rows.extend((0..s.n_value).map(|k| critic_rows + i * s.n_value + k));
         }
-        self.seen.times[0] += acted - begun;
-        self.seen.times[1] += acted.elapsed();
+        self.stats.times[0] += acted - begun;
+        self.stats.times[1] += acted.elapsed();
         Ok(())
     }
 
     /// V of everything seen, and of what follows each step.
-    fn value(&mut self, part: &mut Part<'_>, how: How<'_>) {
+    fn value(&mut self, part: &mut RolloutPart<'_>, policy: BehaviourPolicy<'_>) {
         let begun = Instant::now();
         let n = part.shape.n_critic();
-        let critic = how.critic;
+        let critic = policy.critic;
         if let Some(scale) = critic.inputs.as_ref().filter(|_| part.shape.n_apart() > 0) {
             // what is seen behind the rollout is the first of the next one
-            let seen = part.shape.steps * part.n_env * part.shape.n_judged * n;
+            let seen = part.shape.steps * part.n_env * part.shape.n_value * n;
             self.apart = scale.sums(&part.apart[..seen]);
             scale.scale(part.apart);
             scale.scale(&mut self.ends);
@@ -533,17 +538,17 @@ impl Collector {
             for (x, values) in x.chunks(ROWS * n).zip(values.chunks_mut(ROWS)) {
                 critic.mlp.forward(&critic.parameters, x, values.len(), &mut self.of_critic).write(values);
             }
-            how.norm.denormalise(values);
+            policy.value_norm.denormalise(values);
         };
         value(if part.shape.n_apart() > 0 { part.apart } else { part.observation }, part.value);
         self.end_values.resize(self.end_rows.len(), 0.0);
         value(&self.ends, &mut self.end_values);
-        let step = part.n_env * part.shape.n_judged;
+        let step = part.n_env * part.shape.n_value;
         let kept = part.value.len() - step;
         part.next_value[..kept].copy_from_slice(&part.value[step..]);
         for (row, value) in self.end_rows.iter().zip(&self.end_values) {
             part.next_value[*row] = *value;
         }
-        self.seen.times[2] += begun.elapsed();
+        self.stats.times[2] += begun.elapsed();
     }
 }

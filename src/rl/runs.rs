@@ -94,7 +94,7 @@ pub fn fingerprint(config: &TrainConfig) -> Result<String> {
 
 /// A figure of several seeds.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct OverSeeds {
+pub struct SeedSummary {
     /// Its mean.
     pub mean: f64,
     /// The least.
@@ -106,7 +106,7 @@ pub struct OverSeeds {
     pub half_width: Option<f64>,
 }
 
-impl OverSeeds {
+impl SeedSummary {
     /// Of its values; none of no value.
     pub fn of(values: &[f64]) -> Option<Self> {
         let n = values.len() as f64;
@@ -163,11 +163,11 @@ mod tests {
 
     #[test]
     fn an_interval_is_that_of_students_t() {
-        let told = OverSeeds::of(&[1.0, 2.0, 3.0]).unwrap();
+        let told = SeedSummary::of(&[1.0, 2.0, 3.0]).unwrap();
         assert_eq!((told.mean, told.least, told.largest), (2.0, 1.0, 3.0));
         assert!((told.half_width.unwrap() - 4.303 / 3.0_f64.sqrt()).abs() < 1e-12);
-        assert_eq!(OverSeeds::of(&[0.5]).unwrap().half_width, None);
-        assert_eq!(OverSeeds::of(&[]), None);
+        assert_eq!(SeedSummary::of(&[0.5]).unwrap().half_width, None);
+        assert_eq!(SeedSummary::of(&[]), None);
         // tabulated: 2.228 and 2.042
         assert!((student(10) - 2.228).abs() < 0.003 && (student(30) - 2.042).abs() < 0.001);
     }

@@ -2,6 +2,11 @@
 //!
 //! The policy is a Gaussian behind tanh and maximises Σ γᵗ (r + α H(π)). ln α goes down ln α · (H − H̄): it falls where the policy
 //! is more random than H̄ asks for. What flies is the middle of the distribution, tanh μ.
+//!
+//! The loop is that of [`ActorCritic`]. What SAC chooses in it stands below, in the order in which the loop asks:
+//! 1. it explores with a draw from π(·|o);
+//! 2. targets value a draw a' from π(·|o') and add −α ln π(a'|o') (`target_action`); the actor goes down α ln π(a|o) − minᵢ Qᵢ(o, a)
+//!    with a = tanh(μ + σ ε) (`policy_action`, `output_gradient`); α follows the entropy (`adapt`).
 
 use super::actor_critic::{ActorCritic, ActorCriticConfig, Exploration, Kind, Noise};
 use super::nn::tanh_gaussian::{draw, pull};
@@ -106,25 +111,25 @@ impl Kind for Temperature {
         draw(output, normal(noise, &mut own, n), action);
     }
 
-    fn next(&self, output: &[f32], noise: &mut Noise<'_>, action: &mut [f32]) -> f32 {
+    fn target_action(&self, output: &[f32], noise: &mut Noise<'_>, action: &mut [f32]) -> f32 {
         let mut own = [0.0; MAX_ACTION];
         let n = action.len();
         -(self.alpha() as f32) * draw(output, normal(noise, &mut own, n), action)
     }
 
-    fn draw(&self, output: &[f32], noise: &[f32], action: &mut [f32]) -> f32 {
+    fn policy_action(&self, output: &[f32], noise: &[f32], action: &mut [f32]) -> f32 {
         draw(output, noise, action)
     }
 
-    fn pull(&self, output: &[f32], noise: &[f32], std: f32, grad_action: &[f32], grad_output: &mut [f32]) {
+    fn output_gradient(&self, output: &[f32], noise: &[f32], std: f32, grad_action: &[f32], grad_output: &mut [f32]) {
         pull(output, noise, self.alpha() / f64::from(std), grad_action, grad_output);
     }
 
-    fn climbed(&self, critics: usize) -> usize {
+    fn critics_of_actor(&self, critics: usize) -> usize {
         critics
     }
 
-    fn slow_actor(&self) -> bool {
+    fn has_target_actor(&self) -> bool {
         false
     }
 

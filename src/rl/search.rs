@@ -304,7 +304,7 @@ pub type Failure = (usize, u64, String);
 ///
 /// # Errors
 /// [`Error::File`], [`Error::Limit`] and [`Error::Format`] for a file that cannot be read, or tells what cannot be.
-pub fn told(folder: &Path) -> Result<(Search, Vec<Trial>, Vec<Failure>)> {
+pub fn read_search(folder: &Path) -> Result<(Search, Vec<Trial>, Vec<Failure>)> {
     let path = folder.join(FILE);
     let known = read(&path)?;
     if known.candidates.len() > MAX_CANDIDATES {
@@ -434,7 +434,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let write = |value: &Value| std::fs::write(folder.path().join(FILE), value.to_string()).unwrap();
         write(&sound);
-        assert!(told(folder.path()).is_ok_and(|(search, trials, failures)| {
+        assert!(read_search(folder.path()).is_ok_and(|(search, trials, failures)| {
             (search.candidates.len(), trials.len(), failures.len()) == (4, 6, 1)
         }));
         let forged: Vec<(&str, Value, &str)> = vec![
@@ -467,7 +467,7 @@ mod tests {
             let mut own_file = sound.clone();
             *own_file.pointer_mut(place).unwrap() = value.clone();
             write(&own_file);
-            let text = told(folder.path()).err().unwrap_or_else(|| panic!("{place} = {value}")).to_string();
+            let text = read_search(folder.path()).err().unwrap_or_else(|| panic!("{place} = {value}")).to_string();
             assert!(text.contains(words) && text.contains(FILE), "{place} = {value}: {text}");
             let run = own.run(folder.path(), &Threads::new(1).unwrap(), &|_, _, _| panic!("{place} = {value}"));
             assert!(run.is_err(), "{place} = {value}");

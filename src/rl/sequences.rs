@@ -245,7 +245,7 @@ mod tests {
     const SHAPE: Shape = Shape {
         steps: 7,
         n_agent: 2,
-        n_judged: 2,
+        n_value: 2,
         n_observation: 3,
         n_central: 0,
         n_privileged: 0,

@@ -3,6 +3,11 @@
 //!
 //! The policy is tanh of the network's outputs. It is flown with noise, of another scale in every environment (Seo et al. 2025), and
 //! valued with noise that is cut: values of neighbouring actions are to be alike.
+//!
+//! The loop is that of [`ActorCritic`]. What TD3 chooses in it stands below, in the order in which the loop asks:
+//! 1. it explores with tanh π(o) and noise;
+//! 2. targets value tanh π̄(o') of the slowly following actor and cut noise (`target_action`); the actor goes down −Q₁(o, tanh π(o))
+//!    (`policy_action`, `output_gradient`).
 
 use super::actor_critic::{ActorCritic, ActorCriticConfig, Exploration, Kind, Noise};
 use base::defaults::with_defaults;
@@ -77,7 +82,7 @@ impl Kind for ActionNoise {
         }
     }
 
-    fn next(&self, output: &[f32], noise: &mut Noise<'_>, action: &mut [f32]) -> f32 {
+    fn target_action(&self, output: &[f32], noise: &mut Noise<'_>, action: &mut [f32]) -> f32 {
         let (scale, cut) = (self.target_noise as f32, self.noise_clip as f32);
         for (a, y) in action.iter_mut().zip(output) {
             *a = (y.tanh() + (scale * noise.normal()).clamp(-cut, cut)).clamp(-1.0, 1.0);
@@ -85,22 +90,22 @@ impl Kind for ActionNoise {
         0.0
     }
 
-    fn draw(&self, output: &[f32], _: &[f32], action: &mut [f32]) -> f32 {
+    fn policy_action(&self, output: &[f32], _: &[f32], action: &mut [f32]) -> f32 {
         action.iter_mut().zip(output).for_each(|(a, y)| *a = y.tanh());
         0.0
     }
 
-    fn pull(&self, output: &[f32], _: &[f32], _: f32, grad_action: &[f32], grad_output: &mut [f32]) {
+    fn output_gradient(&self, output: &[f32], _: &[f32], _: f32, grad_action: &[f32], grad_output: &mut [f32]) {
         for ((own, slope), y) in grad_output.iter_mut().zip(grad_action).zip(output) {
             *own = slope * (1.0 - y.tanh().powi(2));
         }
     }
 
-    fn climbed(&self, _: usize) -> usize {
+    fn critics_of_actor(&self, _: usize) -> usize {
         1
     }
 
-    fn slow_actor(&self) -> bool {
+    fn has_target_actor(&self) -> bool {
         true
     }
 }

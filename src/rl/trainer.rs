@@ -23,7 +23,7 @@
 
 mod predecessor;
 
-use super::checkpoint::{Checkpoint, Manifest, Skipped, Store, Tensors, Writer, check_room};
+use super::checkpoint::{Checkpoint, Manifest, SkippedCheckpoint, Store, Tensors, Writer, check_room};
 use super::config::TrainConfig;
 use super::config_diff::described;
 use super::curriculum::{Difficulty, GoodEpisode};
@@ -102,7 +102,7 @@ struct Files {
     log: Log,
     writer: Writer,
     saved: Option<u64>,
-    skipped: Vec<Skipped>,
+    skipped: Vec<SkippedCheckpoint>,
     /// When the last checkpoint was made, or the run went on, and how long that took.
     last: (Instant, Duration),
 }
@@ -324,7 +324,7 @@ impl Trainer {
     }
 
     /// Checkpoints that were damaged when the run went on.
-    pub fn skipped(&self) -> &[Skipped] {
+    pub fn skipped(&self) -> &[SkippedCheckpoint] {
         self.files.as_ref().map_or(&[], |files| &files.skipped)
     }
 

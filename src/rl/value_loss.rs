@@ -29,7 +29,7 @@ impl Huber {
 
 /// One quantile against all of a target, summed over these: the loss, its slope, and the errors themselves.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Judged {
+pub struct QuantileLoss {
     /// Σ of losses.
     pub loss: f32,
     /// Of the loss by the quantile.
@@ -38,12 +38,12 @@ pub struct Judged {
     pub error: f32,
 }
 
-/// Judges quantile `i`, which says `own`, by as many of the target as there are; a mean alone by Huber's loss with its limit `huber`.
+/// Of quantile `i`, which says `own`, against as many of the target as there are; a mean alone by Huber's loss with its limit `huber`.
 #[inline]
-pub fn judge(own: f32, i: usize, target: &[f32], weight: f32, huber: f32) -> Judged {
+pub fn quantile_huber(own: f32, i: usize, target: &[f32], weight: f32, huber: f32) -> QuantileLoss {
     let n = target.len();
     let middle = (i as f32 + 0.5) / n as f32;
-    let mut sum = Judged::default();
+    let mut sum = QuantileLoss::default();
     for y in target {
         // of a mean alone both sides count alike
         let (side, kink, unit) = match n {
@@ -70,14 +70,14 @@ mod tests {
         for step in 0..4000 {
             let rate = 0.02 / (1.0 + 0.01 * step as f32);
             for (i, own) in own.iter_mut().enumerate() {
-                *own -= rate * judge(*own, i, &target, 1.0, 1.0).slope;
+                *own -= rate * quantile_huber(*own, i, &target, 1.0, 1.0).slope;
             }
         }
         // the i-th of five lies at the i-th of five
         let off = own.iter().zip(&target).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
         println!("{own:?}");
         assert!(off < 0.05, "{own:?}"); // measured 0.009
-        let mean = judge(3.0, 0, &[1.0], 0.5, 10.0);
+        let mean = quantile_huber(3.0, 0, &[1.0], 0.5, 10.0);
         assert_eq!((mean.slope, mean.loss, mean.error), (1.0, 1.0, 2.0));
     }
 
@@ -86,8 +86,8 @@ mod tests {
         let target = [0.3, -0.2, 1.4];
         for (own, i) in [(0.1_f32, 0), (0.31, 1), (2.0, 2)] {
             let h = 1e-3;
-            let [up, down] = [own + h, own - h].map(|x| judge(x, i, &target, 0.7, 1.0).loss);
-            let (slope, wanted) = (judge(own, i, &target, 0.7, 1.0).slope, (up - down) / (2.0 * h));
+            let [up, down] = [own + h, own - h].map(|x| quantile_huber(x, i, &target, 0.7, 1.0).loss);
+            let (slope, wanted) = (quantile_huber(own, i, &target, 0.7, 1.0).slope, (up - down) / (2.0 * h));
             assert!((slope - wanted).abs() < 2e-3, "{own}: {slope} {wanted}");
         }
     }

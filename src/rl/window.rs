@@ -26,7 +26,7 @@ pub struct Window {
     /// The environments.
     pub shard: Shard,
     /// In the order of time.
-    pub steps: Vec<Step>,
+    pub steps: Vec<WindowStep>,
     tape: Tape,
     sweep: Sweep,
     objective: Objective,
@@ -38,11 +38,11 @@ pub struct Window {
     d_observation: Vec<f32>,
     gradient: Vec<f32>,
     /// Of the last window.
-    pub seen: Seen,
+    pub stats: WindowStats,
 }
 
 /// One step of a window, E environments and A agents.
-pub struct Step {
+pub struct WindowStep {
     /// Before it, `[E, A, observation]`.
     pub observation: Vec<f32>,
     /// `[E, A, action]`.
@@ -68,7 +68,7 @@ pub struct Step {
 
 /// Figures of one shard and window: sums over environments and steps, but for `saturated`, a share.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Seen {
+pub struct WindowStats {
     /// What is minimised; rows that diverged are left out.
     pub cost: f64,
     /// Of one agent per environment.
@@ -83,7 +83,7 @@ pub struct Seen {
     pub episodes: Episodes,
 }
 
-impl Seen {
+impl WindowStats {
     /// How much of the time of all windows, flown side by side, they flew rather than swept.
     pub fn time_flying(&self, windows: Duration) -> Duration {
         windows.mul_f64((self.flying / windows.as_secs_f64()).clamp(0.0, 1.0))
@@ -107,16 +107,16 @@ impl Seen {
 pub fn gather<'a>(
     windows: impl ExactSizeIterator<Item = (&'a Window, Option<Error>)>,
     gradient: &mut [f32],
-) -> Result<Seen> {
+) -> Result<WindowStats> {
     let n = windows.len() as f64;
-    let mut seen = Seen::default();
+    let mut seen = WindowStats::default();
     gradient.fill(0.0);
     for (window, failed) in windows {
         if let Some(error) = failed {
             return Err(error);
         }
         add(gradient, &window.gradient);
-        seen.add(&window.seen);
+        seen.add(&window.stats);
     }
     (seen.saturated, seen.flying) = (seen.saturated / n, seen.flying / n);
     Ok(seen)
@@ -180,7 +180,7 @@ impl Window {
         let (n_env, rows) = (spec.n_env, spec.n_env * spec.n_agent);
         let (n_seen, n_action) = (rows * spec.n_observation, rows * spec.action.len());
         let tape = shard.env.tape(horizon)?;
-        let step = || Step {
+        let step = || WindowStep {
             observation: vec![0.0; n_seen],
             action: vec![0.0; n_action],
             cost: vec![0.0; n_env],
@@ -204,7 +204,7 @@ impl Window {
             d_reward: vec![0.0; n_env],
             d_observation: vec![0.0; n_seen],
             gradient: vec![0.0; actor.n_parameter()],
-            seen: Seen::default(),
+            stats: WindowStats::default(),
             shard,
         })
     }
@@ -231,7 +231,7 @@ impl Window {
         let (loss, reason) = (env.spec().needed_column(Column::Loss)?, env.spec().needed_column(Column::Reason)?);
         let diverged = (env.spec().ends.len() + 1) as f32;
         let (n_info, n_agent) = (env.spec().info.len(), env.spec().n_agent);
-        self.seen = Seen::default();
+        self.stats = WindowStats::default();
         self.tape.clear();
         for step in &mut self.steps {
             step.observation.copy_from_slice(&out.observation);
@@ -258,15 +258,15 @@ impl Window {
             if out.terminated.contains(&1) || out.truncated.contains(&1) {
                 step.final_observation.copy_from_slice(&out.final_observation);
             }
-            self.seen.cost += step.cost.iter().filter(|x| x.is_finite()).map(|x| f64::from(*x)).sum::<f64>();
-            self.seen.dropped += step.masked.len();
-            self.seen.reward += out.reward.iter().step_by(n_agent).map(|x| f64::from(*x)).sum::<f64>();
-            self.seen.episodes.add(&episodes(env.spec(), out)?);
+            self.stats.cost += step.cost.iter().filter(|x| x.is_finite()).map(|x| f64::from(*x)).sum::<f64>();
+            self.stats.dropped += step.masked.len();
+            self.stats.reward += out.reward.iter().step_by(n_agent).map(|x| f64::from(*x)).sum::<f64>();
+            self.stats.episodes.add(&episodes(env.spec(), out)?);
         }
         if let Some(step) = self.steps.last() {
-            self.seen.saturated = actor.mlp.saturated(&step.memory, rows, 0.99);
+            self.stats.saturated = actor.mlp.saturated(&step.memory, rows, 0.99);
         }
-        self.seen.flying = begun.elapsed().as_secs_f64();
+        self.stats.flying = begun.elapsed().as_secs_f64();
         Ok(())
     }
 
@@ -300,7 +300,7 @@ impl Window {
             let pass = Pass { gradient: &mut *gradient, grad_input, scratch: &mut self.scratch };
             actor.mlp.backward(net, &step.observation, rows, &step.memory, &self.d_action, pass);
         }
-        self.seen.dropped += self.sweep.dropped();
+        self.stats.dropped += self.sweep.dropped();
         Ok(&self.gradient)
     }
 }
@@ -345,7 +345,7 @@ mod tests {
         window.shard.env.load(&from.0).unwrap();
         window.shard.out.observation.copy_from_slice(&from.1);
         window.fly(actor, Weights { parameters, transposed: &Transposed::default() }).unwrap();
-        let of = |s: &Step| s.cost.iter().zip(&s.weight).map(|(c, w)| f64::from(*c) * f64::from(*w)).sum::<f64>();
+        let of = |s: &WindowStep| s.cost.iter().zip(&s.weight).map(|(c, w)| f64::from(*c) * f64::from(*w)).sum::<f64>();
         window.steps.iter().map(of).sum()
     }
 

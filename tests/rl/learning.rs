@@ -7,7 +7,7 @@ use omnidrones::rl::actor_critic::{ActorCritic, ActorCriticConfig, Exploration};
 use omnidrones::rl::algorithm;
 use omnidrones::rl::apg::{Apg, ApgConfig};
 use omnidrones::rl::checkpoint::Tensors;
-use omnidrones::rl::dagger::{Dagger, DaggerConfig, Imitate};
+use omnidrones::rl::dagger::{Dagger, DaggerConfig, ImitationTarget};
 use omnidrones::rl::dqn::{Dqn, DqnConfig, Mixer};
 use omnidrones::rl::nn::{AdamConfig, Encoder, Layers, Recurrence};
 use omnidrones::rl::policy::Actor;
@@ -97,7 +97,7 @@ fn taught(env: &EnvConfig, threads: Threads) -> Dagger {
         steps: 8,
         updates: 20,
         minibatches: 2,
-        imitate: Imitate::Latent,
+        imitate: ImitationTarget::Latent,
         teacher_share: Schedule::constant(0.2),
         network: reads("past", vec![12, 3]),
         ..DaggerConfig::default()

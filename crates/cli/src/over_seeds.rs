@@ -3,7 +3,7 @@
 use crate::prelude::*;
 use omnidrones::internals;
 use omnidrones::rl::log::Line;
-use omnidrones::rl::runs::OverSeeds;
+use omnidrones::rl::runs::SeedSummary;
 use omnidrones::rl::search::{Score, Trial};
 use omnidrones::rl::trainer::TrainResult;
 use omnidrones::tasks::Evaluation;
@@ -102,13 +102,13 @@ pub fn split(seeds: &[u64], results: &[Result<TrainResult>]) -> (Vec<Outcome>, V
 }
 
 /// A figure over the seeds that were trained.
-pub fn spread(runs: &[Outcome], of: impl Fn(&Outcome) -> f64) -> Option<OverSeeds> {
-    OverSeeds::of(&runs.iter().map(of).collect::<Vec<_>>())
+pub fn spread(runs: &[Outcome], of: impl Fn(&Outcome) -> f64) -> Option<SeedSummary> {
+    SeedSummary::of(&runs.iter().map(of).collect::<Vec<_>>())
 }
 
 /// `98.2 % ± 0.4 (97.5 %–99.1 %)`: mean, half the width of its interval, least and largest.
-pub fn shown(spread: Option<OverSeeds>, show: impl Fn(f64) -> String, scale: f64) -> String {
-    let Some(OverSeeds { mean, least, largest, half_width }) = spread else { return "–".into() };
+pub fn shown(spread: Option<SeedSummary>, show: impl Fn(f64) -> String, scale: f64) -> String {
+    let Some(SeedSummary { mean, least, largest, half_width }) = spread else { return "–".into() };
     let (middle, least, largest) = (show(mean), show(least), show(largest));
     if least == largest {
         return middle;
@@ -136,7 +136,7 @@ pub fn best_run(folder: &Path) -> Option<PathBuf> {
         let best = runs.iter().max_by(|a, b| better(rank(&a.evaluation), rank(&b.evaluation)))?;
         return Some(folder.join(format!("s{}", best.seed)));
     }
-    let (search, trials, _) = internals::told_search(folder).ok()?;
+    let (search, trials, _) = internals::read_search(folder).ok()?;
     let winner = best(&trials)?;
     let last = trials.iter().filter(|trial| trial.candidate == winner).max_by_key(|trial| trial.rung)?;
     let scores = last.scores.iter().zip(&search.seeds).filter_map(|(score, seed)| Some((score.as_ref()?, seed)));
@@ -212,7 +212,7 @@ mod tests {
 
     #[test]
     fn a_figure_shows_its_edges_and_its_interval_only_where_seeds_differ() {
-        let of = |values: &[f64]| shown(OverSeeds::of(values), percent, 100.0);
+        let of = |values: &[f64]| shown(SeedSummary::of(values), percent, 100.0);
         assert_eq!(of(&[0.4, 0.5, 0.6]), "50 % ± 25 (40 %–60 %)"); // 4.303 · 0.1/√3
         assert_eq!((of(&[1.0, 1.0]), of(&[1.0]), of(&[])), ("100 %".into(), "100 %".into(), "–".into()));
     }

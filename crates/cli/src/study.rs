@@ -13,7 +13,7 @@ use crate::prelude::*;
 use omnidrones::parallel::Threads;
 use omnidrones::rl::TrainConfig;
 use omnidrones::rl::log::Line;
-use omnidrones::rl::runs::OverSeeds;
+use omnidrones::rl::runs::SeedSummary;
 use omnidrones::tasks::Evaluation;
 use omnidrones::tasks::registry;
 use omnidrones_studies::plan::{self, Cell, Claim, Plan};
@@ -138,7 +138,7 @@ impl Told {
     }
 
     /// Return as a share of that of our controller.
-    fn beside(&self, controllers: &Controllers) -> Option<OverSeeds> {
+    fn beside(&self, controllers: &Controllers) -> Option<SeedSummary> {
         let (_, controller) = controllers.get(&self.cell.config.task)?;
         spread(&self.row.runs, |run| run.evaluation.return_mean / controller.return_mean)
     }

@@ -3,7 +3,7 @@
 use super::train_plot::{Steps, with};
 use crate::prelude::*;
 use omnidrones::rl::log::Line;
-use omnidrones::rl::runs::OverSeeds;
+use omnidrones::rl::runs::SeedSummary;
 use omnidrones_plot::{Colour, Figure, Panel, Series};
 
 /// Most panels side by side.
@@ -89,7 +89,7 @@ pub fn over_seeds(runs: &[&[Line]]) -> Vec<Line> {
 fn line_of(runs: &[&[Line]], update: u64) -> Option<Line> {
     let lines: Vec<&Line> =
         runs.iter().filter_map(|run| run.iter().find(|line| evaluated(line) == Some(update))).collect();
-    let of = |column| OverSeeds::of(&lines.iter().filter_map(|line| line.get(column)).collect::<Vec<_>>());
+    let of = |column| SeedSummary::of(&lines.iter().filter_map(|line| line.get(column)).collect::<Vec<_>>());
     let (steps, success) = (of("env_steps")?, of("eval_success")?);
     let mut line = Line::new(update);
     line.put("env_steps", steps.mean);

@@ -8,7 +8,7 @@ use crate::prelude::*;
 use omnidrones::internals;
 use omnidrones::parallel::Threads;
 use omnidrones::rl::TrainConfig;
-use omnidrones::rl::runs::{self, OverSeeds, Run};
+use omnidrones::rl::runs::{self, Run, SeedSummary};
 use omnidrones::rl::trainer::TrainResult;
 use omnidrones::tasks::Metric;
 use omnidrones::tasks::registry::TaskEntry;
@@ -124,8 +124,8 @@ pub fn table(error: &Metric, done: &[Outcome]) -> Table {
         table.row([run.seed.to_string()].into_iter().chain(figures).chain(cost));
     }
     let all = FIGURES.map(|(of, show, scale)| (spread(done, |run| of(&run.evaluation)), show, scale));
-    let mut row = |name: &str, text: &dyn Fn(OverSeeds, fn(f64) -> String, f64) -> String| {
-        let cell = |(spread, show, scale): &(Option<OverSeeds>, fn(f64) -> String, f64)| {
+    let mut row = |name: &str, text: &dyn Fn(SeedSummary, fn(f64) -> String, f64) -> String| {
+        let cell = |(spread, show, scale): &(Option<SeedSummary>, fn(f64) -> String, f64)| {
             spread.map_or("–".into(), |spread| text(spread, *show, *scale))
         };
         table.row([name.to_string()].into_iter().chain(all.iter().map(cell)));

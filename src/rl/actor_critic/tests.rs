@@ -1,11 +1,15 @@
 use super::*;
-use crate::learner::saved;
+use crate::learner::{Learner, saved};
 use crate::nn::Layers;
 use crate::replay::ReplayConfig;
 use crate::sac::{Entropy, SacConfig};
+use crate::schedule::Schedule;
+use crate::state;
 use crate::td3::{ActionNoise, Td3Config};
+use crate::warm_start::WarmStart;
+use rng::{Purpose, Stream};
 use tasks::probe::Probe;
-use tasks::{Env, ObservationTransform};
+use tasks::{Env, EnvConfig, ObservationTransform};
 
 fn small<E: Exploration>() -> ActorCriticConfig<E> {
     let layers = |own: Layers| Layers { hidden: vec![16, 16], ..own };
@@ -36,23 +40,23 @@ fn each_its_own() -> Td3Config {
 }
 
 /// What the critics and the actor of a batch minimise, with the noise that the batch was drawn with, and their gradients.
-struct Descent {
+struct Gradients {
     losses: [f64; 2],
     gradients: [Vec<f32>; 2],
 }
 
-fn descent<E: Exploration>(own: &mut ActorCritic<E>, alpha: f64) -> Descent {
-    own.judge(0.0);
+fn descent<E: Exploration>(own: &mut ActorCritic<E>, alpha: f64) -> Gradients {
+    own.critic_gradients(0.0);
     let judged: Vec<[f64; 5]> = own.work.iter().map(|work| work.sums).collect();
-    own.climb(0.0);
+    own.actor_gradient(0.0);
     let (batch, agents) = (own.config.batch as f64, (own.config.batch * own.shapes.agents) as f64);
     let sum = |k: usize| own.work.iter().map(|work| work.sums[k]).sum::<f64>();
-    let std = f64::from(own.norm.unit().std);
+    let std = f64::from(own.value_norm.unit().std);
     let fold = |of: &dyn Fn(&Work) -> Vec<f32>| {
         let all: Vec<Vec<f32>> = own.work.iter().map(of).collect();
         (0..all[0].len()).map(|k| all.iter().map(|g| g[k]).sum()).collect::<Vec<f32>>()
     };
-    Descent {
+    Gradients {
         losses: [
             judged.iter().map(|sums| sums[0]).sum::<f64>() / batch,
             (sum(3) + alpha / std * sum(2) + own.config.saturation_penalty.at(0.0) * sum(4)) / agents,
@@ -77,7 +81,7 @@ fn check_gradients<E: Exploration>(task: &str, config: ActorCriticConfig<E>, alp
     let name = E::NAME;
     let mut own = of(task, ActorCriticConfig { critics: 2, huber: f64::INFINITY, ..config }, 1);
     (0..3).for_each(|_| drop(own.update().unwrap()));
-    let Descent { gradients: [of_critic, of_actor], .. } = descent(&mut own, alpha);
+    let Gradients { gradients: [of_critic, of_actor], .. } = descent(&mut own, alpha);
     let first = own.critics[1].parameters.clone();
     let critic = worst(&of_critic, |k, h| {
         let before = own.critics[0].parameters[k];
@@ -121,12 +125,12 @@ fn check_targets<E: Exploration>(
 ) {
     let mut own = of(task, ActorCriticConfig { critics: 2, ..config }, 1);
     (0..18).for_each(|_| drop(own.update().unwrap()));
-    own.judge(0.0);
-    let ActorCritic { kind, shapes, actor, critics, experience, work, norm, step, .. } = &mut own;
-    let follows = if kind.slow_actor() { &actor.following } else { &actor.parameters };
+    own.critic_gradients(0.0);
+    let ActorCritic { kind, shapes, actor, critics, experience, work, value_norm, step, .. } = &mut own;
+    let follows = if kind.has_target_actor() { &actor.following } else { &actor.parameters };
     let (mut of_actor, mut of_critic) = (shapes.of_set.memory(1), shapes.critic.memory(1));
     let sets: Vec<&[f32]> = follows.chunks_exact(shapes.of_set.n_parameter()).collect();
-    let (n, n_base, unit) = (shapes.widths.n_observation, shapes.n_base, norm.unit());
+    let (n, n_base, unit) = (shapes.widths.n_observation, shapes.n_base, value_norm.unit());
     let (mut ended, mut seconds, mut most) = (0, 0, 0.0_f64);
     for (number, Work { block, target, .. }) in work.iter_mut().enumerate() {
         // the same rows, and their stream as it was
@@ -274,8 +278,8 @@ fn the_penalty_follows_its_schedule_and_holds_the_means_of_sac_alone() {
     let n = own.shapes.widths.n_action;
     let mut gradient = |penalty: Schedule, progress: f64| {
         own.config.saturation_penalty = penalty;
-        own.judge(0.0);
-        own.climb(progress);
+        own.critic_gradients(0.0);
+        own.actor_gradient(progress);
         let (mut squares, mut rows) = (0.0, 0.0);
         for Work { block, .. } in &own.work {
             let mut memory = own.shapes.actor.memory(block.rows);
@@ -307,7 +311,7 @@ fn the_actor_of_td3_and_all_that_follows_wait_for_every_second_step() {
             [&own.actor.parameters, &own.actor.following, &critic.following, &critic.parameters].map(Vec::clone)
         };
         let before = all(&own);
-        own.improve(&mut Learnt::default());
+        own.gradient_step(&mut Metrics::default());
         let climbs = own.step.is_multiple_of(2);
         let moved: Vec<bool> = before.iter().zip(&all(&own)).map(|(then, now)| then != now).collect();
         assert_eq!(moved, [climbs, climbs, climbs, true], "step {}", own.step);
@@ -390,12 +394,12 @@ fn worth_of_forever<E: Exploration>(exploration: E, n_step: f64, cuts_are_deaths
     }
     for update in truthful..1000 {
         own.update = update;
-        (0..32).for_each(|_| own.improve(&mut super::Learnt::default()));
-        own.measure().unwrap();
+        (0..32).for_each(|_| own.gradient_step(&mut Metrics::default()));
+        own.rescale_critics().unwrap();
     }
-    own.judge(0.0);
+    own.critic_gradients(0.0);
     let of_living = own.work[0].block.discount.iter().position(|g| *g > 0.0).unwrap();
-    f64::from(own.norm.unit().denormalise(own.work[0].target[of_living]))
+    f64::from(own.value_norm.unit().denormalise(own.work[0].target[of_living]))
 }
 
 #[test]

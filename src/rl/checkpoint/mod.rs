@@ -55,7 +55,7 @@ mod tensor;
 
 pub use disk::Entry;
 pub use manifest::{FORMAT, Files, Manifest};
-pub use store::{Found, Skipped, Store, Writer};
+pub use store::{LatestCheckpoint, SkippedCheckpoint, Store, Writer};
 pub use tensor::{Data, Element, Tensor, Tensors};
 
 use base::error::{Error, Result};

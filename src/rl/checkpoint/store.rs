@@ -26,18 +26,18 @@ pub struct Store {
 
 /// A checkpoint, where it lay and what was passed over for it.
 #[derive(Debug)]
-pub struct Found {
+pub struct LatestCheckpoint {
     /// The newest that passed every check.
     pub checkpoint: Checkpoint,
     /// Its folder.
     pub folder: PathBuf,
     /// Newer ones that did not, newest first.
-    pub skipped: Vec<Skipped>,
+    pub skipped: Vec<SkippedCheckpoint>,
 }
 
 /// A checkpoint that did not pass.
 #[derive(Debug)]
-pub struct Skipped {
+pub struct SkippedCheckpoint {
     /// Its folder.
     pub folder: PathBuf,
     /// What is wrong with it.
@@ -135,7 +135,7 @@ impl Store {
     ///
     /// # Errors
     /// [`Error::Format`] if there are some but none passes, [`Error::File`] if the folder cannot be read.
-    pub fn latest(&self) -> Result<Option<Found>> {
+    pub fn latest(&self) -> Result<Option<LatestCheckpoint>> {
         self.latest_of(&|_| true, || self.updates())
     }
 
@@ -143,12 +143,16 @@ impl Store {
     ///
     /// # Errors
     /// As there.
-    pub(crate) fn latest_to_fly(&self) -> Result<Option<Found>> {
+    pub(crate) fn latest_to_fly(&self) -> Result<Option<LatestCheckpoint>> {
         self.latest_of(&flies, || self.updates())
     }
 
-    fn latest_of(&self, wanted: Wanted<'_>, mut list: impl FnMut() -> Result<Vec<u64>>) -> Result<Option<Found>> {
-        let mut skipped: Vec<Skipped> = Vec::new();
+    fn latest_of(
+        &self,
+        wanted: Wanted<'_>,
+        mut list: impl FnMut() -> Result<Vec<u64>>,
+    ) -> Result<Option<LatestCheckpoint>> {
+        let mut skipped: Vec<SkippedCheckpoint> = Vec::new();
         // a writer at work may have removed what was just listed: look again
         for _ in 0..3 {
             for update in list()?.into_iter().rev() {
@@ -157,10 +161,10 @@ impl Store {
                     continue;
                 }
                 match self.load_wanted(update, wanted) {
-                    Err(why) => skipped.push(Skipped { folder, why }),
+                    Err(why) => skipped.push(SkippedCheckpoint { folder, why }),
                     Ok(checkpoint) => {
                         skipped.retain(|s| s.folder.exists());
-                        return Ok(Some(Found { checkpoint, folder, skipped }));
+                        return Ok(Some(LatestCheckpoint { checkpoint, folder, skipped }));
                     }
                 }
             }
@@ -319,7 +323,7 @@ impl Writer {
     ///
     /// # Errors
     /// As [`Store::latest`].
-    pub fn latest(&mut self) -> Result<Option<Found>> {
+    pub fn latest(&mut self) -> Result<Option<LatestCheckpoint>> {
         let found = self.store.latest()?;
         self.whole.extend(found.as_ref().map(|f| f.checkpoint.manifest.update));
         Ok(found)

@@ -1,6 +1,6 @@
 //! Who shows how it is done.
 
-use super::{DaggerConfig, Imitate, Shard};
+use super::{DaggerConfig, ImitationTarget, Shard};
 use crate::learner::Make;
 use crate::nn::{Encoded, Memory, last_encoder};
 use crate::policy::{Policy, ROWS};
@@ -65,7 +65,7 @@ impl Teacher {
     /// # Errors
     /// As [`Baseline::new`]; [`load_policy`], [`Policy::fits`] for a run.
     pub(super) fn new(shard: &Shard, config: &DaggerConfig, make: &Make<'_>) -> Result<Self> {
-        if config.imitate == Imitate::Latent {
+        if config.imitate == ImitationTarget::Latent {
             return Ok(Self::Awaited);
         }
         if config.teacher.is_empty() {

@@ -1,6 +1,8 @@
 //! Settings of DQN.
 
+use super::Dqn;
 use crate::checks::check_counts;
+use crate::learner::built_in;
 use crate::nn::{AdamConfig, Layers};
 use crate::policy::Actor;
 use crate::replay::ReplayConfig;
@@ -105,6 +107,14 @@ impl Default for DqnConfig {
             adam: AdamConfig::default(),
             network: Layers { hidden: vec![128; 2], layer_norm: true, ..Layers::elu(0.1) },
         }
+    }
+}
+
+built_in! {
+    "dqn": DqnConfig => Dqn, squashed: false, loss: "error of the values", in: "config.rs", actor: DqnConfig::actor;
+
+    fn seen(&self, env: &EnvConfig) -> EnvConfig {
+        DqnConfig::seen(self, env)
     }
 }
 

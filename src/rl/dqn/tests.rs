@@ -1,11 +1,13 @@
+use super::mixing::Mixing;
 use super::*;
-use crate::learner::saved;
+use crate::learner::{Learner, saved};
 use crate::nn::Layers;
 use crate::nn::elementwise::approach;
 use crate::replay::ReplayConfig;
 use crate::schedule::Schedule;
+use rng::{Purpose, Stream};
 use tasks::probe::Probe;
-use tasks::{ActionSpace, Env};
+use tasks::{ActionSpace, Env, EnvConfig, Space};
 
 fn small() -> DqnConfig {
     let usual = DqnConfig::default();
@@ -62,13 +64,13 @@ fn descent(own: &mut Dqn) -> (f64, [Vec<f32>; 2]) {
 
 /// Likewise, but for what `spoil` does to rows whose targets are known.
 fn descent_but(own: &mut Dqn, spoil: fn(&mut Block)) -> (f64, [Vec<f32>; 2]) {
-    let Dqn { shapes, net, mixer, experience, config, step, work, norm, .. } = own;
-    let unit = norm.unit();
+    let Dqn { shapes, net, mixer, experience, config, step, work, value_norm, .. } = own;
+    let unit = value_norm.unit();
     for (number, work) in work.iter_mut().enumerate() {
         experience.gather(&mut work.block, (*step, number), 0.0);
-        work.value_next(shapes, (net, mixer.as_ref()), config.double, unit);
+        work.td_targets(shapes, (net, mixer.as_ref()), config.double, unit);
         spoil(&mut work.block);
-        work.judge(shapes, (net, mixer.as_ref()), config.huber as f32);
+        work.loss_gradient(shapes, (net, mixer.as_ref()), config.huber as f32);
     }
     let fold = |of: &dyn Fn(&Work) -> &[f32]| {
         (0..of(&work[0]).len()).map(|k| work.iter().map(|w| of(w)[k]).sum()).collect::<Vec<f32>>()
@@ -156,7 +158,7 @@ fn double_targets_value_what_the_learnt_network_chooses() {
         let mut own = of("Hover", &env, DqnConfig { double, ..small() }, 1);
         (0..12).for_each(|_| drop(own.update().unwrap()));
         descent(&mut own);
-        let (n, values, unit) = (own.shapes.widths.n_observation, own.shapes.values, own.norm.unit());
+        let (n, values, unit) = (own.shapes.widths.n_observation, own.shapes.values, own.value_norm.unit());
         let (mut memory, mut differ) = (own.shapes.network.memory(1), 0);
         for work in &own.work {
             for k in 0..work.block.rows {
@@ -185,8 +187,8 @@ fn targets_of_a_team_are_what_its_target_networks_say_of_what_its_agents_choose(
         let mut own = of("OverHover", &env, DqnConfig { mixer, separate_values, tau: 0.05, ..small() }, 1);
         (0..18).for_each(|_| drop(own.update().unwrap()));
         descent(&mut own);
-        let Dqn { shapes, net, mixer: of_team, work, norm, .. } = &own;
-        let (values, widths, unit) = (shapes.values, shapes.widths, norm.unit());
+        let Dqn { shapes, net, mixer: of_team, work, value_norm, .. } = &own;
+        let (values, widths, unit) = (shapes.values, shapes.widths, value_norm.unit());
         let (n, agents, n_state) = (widths.n_observation, shapes.agents, widths.n_state);
         let (mut ended, mut most, mut learnt) = (0, 0.0_f32, 0.0_f32);
         for Work { block, target, .. } in work {
@@ -239,7 +241,7 @@ fn time_that_runs_out_is_not_death() {
     let mut own = Dqn::with(&make, &staggered(), config, 1, Threads::new(1).unwrap()).unwrap();
     (0..400).for_each(|_| drop(own.update().unwrap()));
     descent(&mut own);
-    let worth = own.norm.unit().denormalise(own.work[0].target[0]);
+    let worth = own.value_norm.unit().denormalise(own.work[0].target[0]);
     println!("{worth}");
     assert!((worth - 100.0).abs() < 1.0, "{worth}");
 }
@@ -269,12 +271,12 @@ fn quantiles_of_a_coin_are_its_two_sides() {
     });
     for update in 0..3000 {
         own.update = update;
-        own.improve();
+        own.gradient_step(&mut Metrics::default());
     }
     let mut memory = own.shapes.network.memory(1);
     let x = vec![1.0; own.shapes.network.n_input()];
     let output = own.shapes.network.forward(&own.net.parameters, &x, 1, &mut memory).row(0).to_vec();
-    let (values, unit) = (own.shapes.values, own.norm.unit());
+    let (values, unit) = (own.shapes.values, own.value_norm.unit());
     for action in 0..values.levels {
         let sides: Vec<f32> = (0..6).map(|q| unit.denormalise(values.quantile(&output, 0, action, q))).collect();
         println!("{sides:?}");
@@ -337,8 +339,9 @@ fn values_of_a_corridor(learn: fn(&mut Dqn)) -> f64 {
         x[cell] = 1.0;
         let said = own.shapes.network.forward(&own.net.parameters, &x, 1, &mut memory).row(0).to_vec();
         for action in 0..16 {
-            worst = worst
-                .max((f64::from(own.norm.unit().denormalise(said[action])) - wanted[usize::from(action >= 8)]).abs());
+            worst = worst.max(
+                (f64::from(own.value_norm.unit().denormalise(said[action])) - wanted[usize::from(action >= 8)]).abs(),
+            );
         }
     }
     worst
@@ -371,7 +374,7 @@ fn dqn_that_fits_the_value_of_the_next_observation_learns_no_values() {
 fn dqn_whose_target_moves_in_three_of_four_steps_or_in_one_finds_the_same_values() {
     fn improve_but(own: &mut Dqn, moves: impl Fn(u64) -> bool) {
         let held = own.net.following.clone();
-        own.improve();
+        own.gradient_step(&mut Metrics::default());
         if !moves(own.step) {
             own.net.following = held;
         }
@@ -433,11 +436,11 @@ fn settle(mixer: Mixer, payoff: [[f32; 3]; 3], learn: fn(&mut Dqn)) -> ((usize, 
         }
         _ => mixing.mix(&q, &[]),
     };
-    ((best[0] % 3, best[1] % 3), own.norm.unit().denormalise(worth))
+    ((best[0] % 3, best[1] % 3), own.value_norm.unit().denormalise(worth))
 }
 
 fn improve(own: &mut Dqn) {
-    own.improve();
+    own.gradient_step(&mut Metrics::default());
 }
 
 /// Worth more where both do the last, and monotone in each.
@@ -461,7 +464,7 @@ fn teams_settle_on_the_optimum_of_games_that_are_monotone() {
 fn qmix_whose_targets_pull_the_learnt_weights_finds_no_worth() {
     let (choice, worth) = settle(QMIX, TOGETHER, |own| {
         let held = [&own.net, own.mixer.as_ref().unwrap()].map(|net| net.following.clone());
-        own.improve();
+        own.gradient_step(&mut Metrics::default());
         let Dqn { net, mixer, shapes, config, .. } = own;
         let mlp = shapes.mixer().unwrap();
         let nets: [(&mut NetWithTarget, &dyn Network); 2] = [(net, &shapes.network), (mixer.as_mut().unwrap(), mlp)];
@@ -503,13 +506,13 @@ fn values_say_the_same_in_another_unit() {
                 let state = vec![0.2; mlp.n_input()];
                 mixing.mix(&all, mlp.forward(&net.parameters, &state, 1, &mut mlp.memory(1)).row(0))
             };
-            own.norm.unit().denormalise(own.shapes.mixing.as_ref().map_or(all[0], together))
+            own.value_norm.unit().denormalise(own.shapes.mixing.as_ref().map_or(all[0], together))
         };
-        let (before, unit) = (told(&own), own.norm.unit());
+        let (before, unit) = (told(&own), own.value_norm.unit());
         own.work[0].target.fill(50.0);
-        own.measure().unwrap();
+        own.rescale_values().unwrap();
         let off = (told(&own) - before).abs() / (1.0 + before.abs());
-        assert!(own.norm.unit() != unit && off < 1e-3, "{task}: {before} {}", told(&own));
+        assert!(own.value_norm.unit() != unit && off < 1e-3, "{task}: {before} {}", told(&own));
     }
 }
 

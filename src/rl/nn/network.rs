@@ -114,7 +114,7 @@ pub trait Network: Debug + Send + Sync {
 
     /// The named tensors of the parameters, as checkpoints hold them.
     fn parts(&self, parameters: &[f32]) -> Vec<Part> {
-        self.slots().into_iter().map(|slot| slot.part(parameters)).collect()
+        self.slots().into_iter().map(|slot| slot.tensor(parameters)).collect()
     }
 
     /// The reverse of [`Network::parts`]: `part` is asked for each name and shape.
@@ -204,7 +204,7 @@ impl Slot {
         data.enumerate().for_each(|(at, x)| parameters[self.place(at)] = x);
     }
 
-    fn part(self, parameters: &[f32]) -> Part {
+    fn tensor(self, parameters: &[f32]) -> Part {
         let data = (0..self.len()).map(|at| parameters[self.place(at)]).collect();
         Part { name: self.name, shape: self.shape, data }
     }

@@ -1,6 +1,8 @@
 //! Settings of PPO.
 
+use super::Ppo;
 use crate::checks::{check_counts, check_positive};
+use crate::learner::built_in;
 use crate::nn::head::{LOG_STD_MAX, LOG_STD_MIN};
 use crate::nn::{AdamConfig, Layers};
 use crate::policy::Actor;
@@ -84,6 +86,19 @@ with_defaults! {
         pub network: Layers = Layers::elu(0.01),
         /// The critic.
         pub critic: Layers = Layers::elu(1.0),
+    }
+}
+
+built_in! {
+    "ppo": PpoConfig => Ppo, squashed: false, loss: "−(clipped surrogate + entropy bonus)", in: "config.rs", actor: PpoConfig::actor;
+
+    fn seen(&self, env: &EnvConfig) -> EnvConfig {
+        PpoConfig::seen(self, env)
+    }
+
+    /// Updates are few and long.
+    fn evaluate_every(&self) -> u64 {
+        20
     }
 }
 

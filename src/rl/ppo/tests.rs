@@ -1,12 +1,13 @@
 use super::*;
-use crate::learner::saved;
-use crate::nn::Layers;
+use crate::learner::{Learner, saved};
+use crate::nn::{Layers, Recurrence};
+use crate::rollout::Shape;
 use crate::schedule::Schedule;
-use autodiff::{Scalar, Trace, TraceMask};
+use autodiff::{Trace, TraceMask};
 use dynamics::Effects;
 use tasks::config::ActionSpace;
 use tasks::probe::{CUT, Probe};
-use tasks::{Ends, Robot, Start, Task, View, Writer};
+use tasks::{Ends, Env, EnvConfig, Robot, Start, Task, View, Writer};
 
 fn hidden(n: usize, last: f64) -> Layers {
     Layers { hidden: vec![n, n], ..Layers::elu(last) }
@@ -42,14 +43,15 @@ fn before_the_first_step_the_ratio_is_one_and_the_divergence_nothing() {
     for actions in [ActionSpace::Continuous, ActionSpace::MultiDiscrete { levels: 3 }] {
         let mut ppo = ppo("Hover", &EnvConfig { actions, ..EnvConfig::default() }, small(), 1);
         ppo.collect().unwrap();
-        ppo.prepare();
+        ppo.estimate_advantages().unwrap();
+        ppo.normalise_advantages();
         // rows in another order than they were flown in
-        let mut rows = ppo.rows[0].clone();
+        let mut rows = ppo.actor_rows.clone();
         rows.reverse();
-        let [mut first, mut learnt] = [Learnt::default(), Learnt::default()];
-        ppo.improve(0, &rows[..64], 0.0, &mut first);
+        let [mut first, mut learnt] = [Metrics::default(), Metrics::default()];
+        ppo.actor_step(0, &rows[..64], &mut first);
         assert_eq!((first.sums[sum::KL], first.sums[sum::CLIPPED], first.sums[sum::COUNT]), (0.0, 0.0, 64.0));
-        ppo.improve(0, &rows[..64], 0.0, &mut learnt);
+        ppo.actor_step(0, &rows[..64], &mut learnt);
         assert!(learnt.sums[sum::KL] > 1e-4, "{:?}", learnt.sums); // 0.1
     }
 }
@@ -60,7 +62,7 @@ fn invented(actor: &Actor, parameters: &[f32], stream: &mut Stream) -> (Rollout,
     let shape = Shape {
         steps: 5,
         n_agent: 2,
-        n_judged: 1,
+        n_value: 1,
         n_observation: n_in,
         n_central: 3,
         n_privileged: 0,
@@ -104,7 +106,7 @@ fn the_gradient_of_the_loss_is_that_of_finite_differences() {
         let mut parameters = actor.mlp.init(&mut stream);
         parameters.resize(actor.n_parameter(), -0.4);
         let (rollout, rows) = invented(&actor, &parameters, &mut stream);
-        let advantage: Vec<f32> = (0..rows.len()).map(|row| rollout.advantage[rollout.shape.judged(row)]).collect();
+        let advantage: Vec<f32> = (0..rows.len()).map(|row| rollout.advantage[rollout.shape.critic_row(row)]).collect();
         let mut batch = Minibatch::new(&actor.mlp, head.n_extra(), rows.len(), 1 << 30).unwrap();
         let threads = Threads::new(1).unwrap();
         let mut run = |parameters: &[f32]| {
@@ -113,7 +115,7 @@ fn the_gradient_of_the_loss_is_that_of_finite_differences() {
             let mut gaussians = Gaussians::of(head);
             gaussians.iter_mut().for_each(|g| g.set(extra));
             let gaussians = gaussians.as_ref();
-            let loss = Loss {
+            let loss = ActorLoss {
                 head,
                 gaussians,
                 extra,
@@ -203,18 +205,15 @@ fn learnt_value(make: &dyn Fn(&EnvConfig) -> Result<Env>, updates: usize, as_dea
             for k in 0..ppo.rollout.terminated.len() {
                 ppo.rollout.terminated[k] |= ppo.rollout.truncated[k];
             }
-            let (discount, lambda) = (ppo.config.discount, ppo.config.lambda.at(0.0));
-            for mut part in ppo.rollout.parts([16, 16, 8].into_iter()) {
-                part.judge(discount, lambda).unwrap();
-            }
         }
-        ppo.prepare();
-        ppo.learn();
+        ppo.estimate_advantages().unwrap();
+        ppo.normalise_advantages();
+        ppo.optimise();
         ppo.update += 1;
     }
     let mut value = [0.0];
     ppo.critic.values(&ppo.threads, &[1.0], &mut value);
-    ppo.norm.denormalise(&mut value);
+    ppo.value_norm.denormalise(&mut value);
     f64::from(value[0])
 }
 
@@ -272,7 +271,7 @@ fn environments_of_nothing_but_nan_are_left_out_and_the_others_learnt_from() {
         let mut ppo = Ppo::with(&broken, &EnvConfig::default(), config, 1, Threads::new(1).unwrap()).unwrap();
         let updates: Vec<Update> = (0..4).map(|_| ppo.update().unwrap()).collect();
         assert!(ppo.parameters.iter().chain(&ppo.critic.parameters).all(|x| x.is_finite()));
-        assert!(ppo.norm.mean().is_finite() && ppo.norm.save()[3] == 0.0);
+        assert!(ppo.value_norm.mean().is_finite() && ppo.value_norm.save()[3] == 0.0);
         let statistics = ppo.collectors[0].shard.env.statistics();
         assert!(statistics.mean.iter().chain(&statistics.variance).all(|x| x.is_finite()), "{statistics:?}");
         for update in updates {
@@ -292,18 +291,14 @@ fn a_poisoned_row_changes_no_bit_of_what_is_learnt_from_the_others() {
     let run = |spoil: &dyn Fn(&mut Ppo)| {
         let mut ppo = ppo("Hover", &EnvConfig::default(), config.clone(), 1);
         ppo.collect().unwrap();
+        ppo.estimate_advantages().unwrap();
         spoil(&mut ppo);
-        ppo.prepare();
-        ppo.learn();
-        let left_out = 24 * 8 - ppo.rows[0].len();
-        let numbers = ppo.parameters.iter().chain(&ppo.critic.parameters).chain(&ppo.descents[0].adam.mean);
+        ppo.normalise_advantages();
+        ppo.optimise();
+        let left_out = 24 * 8 - ppo.actor_rows.len();
+        let numbers = ppo.parameters.iter().chain(&ppo.critic.parameters).chain(&ppo.optimisers[0].adam.mean);
         let bits: Vec<u32> = numbers.map(|x| x.to_bits()).collect();
-        (bits, ppo.norm.save(), left_out)
-    };
-    let judge = |ppo: &mut Ppo| {
-        for mut part in ppo.rollout.parts([10, 10, 4].into_iter()) {
-            part.judge(0.99, 0.95).unwrap();
-        }
+        (bits, ppo.value_norm.save(), left_out)
     };
     // (observation, reward) of rows: steps 3 and 5 of environments 7 and 2 of the first shard
     let (seen, paid) = (3 * 10 + 7, 5 * 10 + 2);
@@ -311,7 +306,7 @@ fn a_poisoned_row_changes_no_bit_of_what_is_learnt_from_the_others() {
         let n = ppo.rollout.shape.n_observation;
         ppo.rollout.observation[seen * n + 4] = f32::NAN;
         ppo.rollout.reward[paid] = f32::INFINITY;
-        judge(ppo);
+        ppo.estimate_advantages().unwrap();
     });
     let without = run(&|ppo| {
         // a reward reaches back to where its episode began; none ended in so short a time
@@ -321,7 +316,7 @@ fn a_poisoned_row_changes_no_bit_of_what_is_learnt_from_the_others() {
             (r.log_prob[row], r.advantage[row], r.target[row]) = (f32::NAN, f32::NAN, f32::NAN);
         }
     });
-    let clean = run(&|ppo| judge(ppo));
+    let clean = run(&|_| ());
     assert_eq!((poisoned.2, without.2, clean.2), (7, 7, 0));
     assert!(poisoned == without);
     assert!(poisoned.0 != clean.0);
@@ -353,8 +348,14 @@ fn a_team_shares_its_policy_and_a_critic_of_its_central_state() {
         let mut ppo = ppo("Formation", &EnvConfig::default(), PpoConfig { central_critic, ..small() }, 1);
         let update = ppo.update().unwrap();
         assert_eq!(value_of(&update, "rows_left_out"), 0.0);
-        assert_eq!(ppo.rows[0].len(), 24 * 8 * ppo.spec.n_agent);
-        (ppo.spec.n_agent, ppo.spec.n_central, ppo.rollout.shape.n_judged, ppo.critic.mlp.n_input(), ppo.rows[1].len())
+        assert_eq!(ppo.actor_rows.len(), 24 * 8 * ppo.spec.n_agent);
+        (
+            ppo.spec.n_agent,
+            ppo.spec.n_central,
+            ppo.rollout.shape.n_value,
+            ppo.critic.mlp.n_input(),
+            ppo.critic_rows.len(),
+        )
     };
     let (agents, central, judged, inputs, rows) = run(true);
     assert!(agents > 1 && central > 0);
@@ -412,16 +413,17 @@ fn log_prob_now(ppo: &Ppo, row: usize) -> f32 {
 fn who_learns_later_learns_from_advantages_times_the_ratios_that_those_before_came_to() {
     let mut ppo = team(Team::Sequential, small());
     ppo.collect().unwrap();
-    ppo.prepare();
+    ppo.estimate_advantages().unwrap();
+    ppo.normalise_advantages();
     let before = ppo.advantage.clone();
-    ppo.learn();
+    ppo.optimise();
     let agents = ppo.actor.n_set();
-    assert_eq!((agents, ppo.spec.n_agent, ppo.descents.len()), (4, 4, 4));
+    assert_eq!((agents, ppo.spec.n_agent, ppo.optimisers.len()), (4, 4, 4));
     let mut moved = 0.0_f32;
-    for row in ppo.rows[0].iter().map(|row| *row as usize) {
+    for row in ppo.actor_rows.iter().map(|row| *row as usize) {
         let (slot, place) =
-            (row - row % agents, ppo.turns.iter().position(|own| *own as usize == row % agents).unwrap());
-        let earlier = ppo.turns[..place].iter().map(|own| slot + *own as usize);
+            (row - row % agents, ppo.set_order.iter().position(|own| *own as usize == row % agents).unwrap());
+        let earlier = ppo.set_order[..place].iter().map(|own| slot + *own as usize);
         let ratio: f32 = earlier.map(|row| (log_prob_now(&ppo, row) - ppo.rollout.log_prob[row]).exp()).product();
         let (wanted, found) = (before[row] * ratio, ppo.advantage[row]);
         assert!((wanted - found).abs() < 1e-5 * (1.0 + wanted.abs()), "row {row}, turn {place}: {wanted} {found}");
@@ -435,14 +437,15 @@ fn who_learns_later_learns_from_advantages_times_the_ratios_that_those_before_ca
 fn agents_of_their_own_learn_from_their_own_rows_alone_and_fly_as_they_learnt() {
     let mut ppo = team(Team::Separate, small());
     ppo.collect().unwrap();
-    ppo.prepare();
+    ppo.estimate_advantages().unwrap();
+    ppo.normalise_advantages();
     let n = ppo.actor.n_parameter_of_set();
     let before = ppo.parameters.clone();
     assert!(before[..n] != before[n..2 * n]);
     // the third agent is told nothing
     (0..ppo.rollout.log_prob.len()).filter(|row| row % 4 == 2).for_each(|row| ppo.advantage[row] = 0.0);
     ppo.config.entropy = Schedule::constant(0.0);
-    ppo.learn();
+    ppo.optimise();
     for k in 0..4 {
         let same = before[k * n..(k + 1) * n] == ppo.parameters[k * n..(k + 1) * n];
         assert_eq!(same, k == 2, "agent {k}");
@@ -519,17 +522,14 @@ fn blind(of: Team, how: &Blindly, pays: Option<fn([usize; 4]) -> f32>) -> Blind 
         for (reward, actions) in r.reward.iter_mut().zip(r.action.chunks_exact(4)) {
             *reward = pays.map_or(0.0, |pays| pays(std::array::from_fn(|agent| actions[agent] as usize % 2)));
         }
-        let n_env: Vec<usize> = ppo.collectors.iter().map(|c| c.shard.env.spec().n_env).collect();
-        for mut part in ppo.rollout.parts(n_env.into_iter()) {
-            part.judge(0.0, 0.95).unwrap();
-        }
+        ppo.estimate_advantages().unwrap();
         paid = ppo.rollout.reward.iter().map(|x| f64::from(*x)).sum::<f64>() / ppo.rollout.reward.len() as f64;
         course.push(paid);
-        ppo.prepare();
+        ppo.normalise_advantages();
         if pays.is_none() {
             ppo.advantage.fill(0.0);
         }
-        ppo.learn();
+        ppo.optimise();
     }
     Blind { paid, course, nats }
 }
@@ -602,7 +602,7 @@ fn a_critic_knows_the_numbers_of_the_episode_that_each_row_belongs_to() {
         let (n, n_known) = (shape.n_critic(), shape.n_privileged);
         assert!(n_known > 0 && n_known == ppo.spec.privileged.len());
         let n_env = ppo.collectors[0].shard.env.spec().n_env;
-        let known = |t: usize, i: usize| &r.apart[((t * n_env + i) * shape.n_judged + 1) * n - n_known..][..n_known];
+        let known = |t: usize, i: usize| &r.apart[((t * n_env + i) * shape.n_value + 1) * n - n_known..][..n_known];
         let (mut same, mut other) = (0, 0);
         for (t, i) in (0..shape.steps).flat_map(|t| (0..n_env).map(move |i| (t, i))) {
             let ended = r.terminated[t * n_env + i] | r.truncated[t * n_env + i] == 1;
@@ -615,7 +615,7 @@ fn a_critic_knows_the_numbers_of_the_episode_that_each_row_belongs_to() {
         for (seen, row) in one.ends.chunks(n).zip(&one.end_rows) {
             let tail = |row: usize| &r.apart[(row + 1) * n - n_known..][..n_known];
             assert_eq!(&seen[n - n_known..], tail(*row), "{task}: row {row}");
-            assert_ne!(&seen[n - n_known..], tail(row + n_env * shape.n_judged), "{task}: row {row}");
+            assert_ne!(&seen[n - n_known..], tail(row + n_env * shape.n_value), "{task}: row {row}");
         }
         assert!(!one.end_rows.is_empty());
         let own = ppo.collectors[0].shard.env.parameters(3).unwrap();
@@ -640,18 +640,18 @@ fn the_rate_follows_the_divergence() {
         1,
     );
     let target = 0.01;
-    assert_eq!(ppo.rate(0, 0.0, target), 1e-3);
-    assert_eq!(ppo.rate(0, 0.0, 3.0 * target), 1e-3 / 1.5);
-    assert_eq!(ppo.rate(0, 0.0, f64::NAN), 1e-3 / 1.5);
+    assert_eq!(ppo.learning_rate(0, 0.0, target), 1e-3);
+    assert_eq!(ppo.learning_rate(0, 0.0, 3.0 * target), 1e-3 / 1.5);
+    assert_eq!(ppo.learning_rate(0, 0.0, f64::NAN), 1e-3 / 1.5);
     for _ in 0..100 {
-        ppo.rate(0, 0.0, 0.0);
+        ppo.learning_rate(0, 0.0, 0.0);
     }
-    assert_eq!(ppo.rate(0, 0.0, target), 0.01);
+    assert_eq!(ppo.learning_rate(0, 0.0, target), 0.01);
     ppo.config.target_kl = Some(Schedule::cosine(target, 1e-3));
-    assert_eq!(ppo.rate(0, 0.0, target), 0.01);
-    assert_eq!(ppo.rate(0, 1.0, target), 1e-3 * (10.0 / 1.5));
+    assert_eq!(ppo.learning_rate(0, 0.0, target), 0.01);
+    assert_eq!(ppo.learning_rate(0, 1.0, target), 1e-3 * (10.0 / 1.5));
     ppo.config.target_kl = None;
-    assert_eq!(ppo.rate(0, 0.0, 3.0 * target), 1e-3);
+    assert_eq!(ppo.learning_rate(0, 0.0, 3.0 * target), 1e-3);
 }
 
 #[test]

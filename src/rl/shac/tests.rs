@@ -1,18 +1,22 @@
-use super::super::shards::shards;
 use super::*;
-use crate::nn::{Init, Transposed, Weights};
+use crate::nn::{Activation, AdamConfig, Init, Layers, Transposed, Weights};
+use crate::policy::Actor;
 use crate::policy_optimiser::MAX_RESTARTS;
+use crate::schedule::Schedule;
+use crate::shards::shards;
+use crate::window::windows;
+use tasks::SweepOptions;
 use tasks::probe::Probe;
 
 /// What the module's documentation says L is, in f64, from a window as it was flown.
-fn cost(worker: &Worker, critic: &mut Critic, how: Weighing) -> f64 {
-    let Window { steps, shard, .. } = &worker.window;
+fn cost(window: &Window, own: &WindowValue, critic: &mut Critic, weights: CostWeights) -> f64 {
+    let Window { steps, shard, .. } = window;
     let n_env = shard.env.spec().n_env;
-    let [discount, w] = [how.discount, how.critic].map(f64::from);
-    let n_known = worker.known.len() / (n_env * (steps.len() + 1));
+    let [discount, w] = [weights.discount, weights.critic].map(f64::from);
+    let n_known = own.privileged.len() / (n_env * (steps.len() + 1));
     let mut value = |x: &[f32], t: usize| {
         let rows = x.chunks_exact(x.len() / n_env).zip(0..);
-        let known = |i: usize| worker.known[(t * n_env + i) * n_known..][..n_known].iter();
+        let known = |i: usize| own.privileged[(t * n_env + i) * n_known..][..n_known].iter();
         let x: Vec<f32> = rows.flat_map(|(own, i)| own.iter().chain(known(i))).copied().collect();
         let mut values = vec![0.0; n_env];
         critic.values(&Threads::new(1).unwrap(), &x, &mut values);
@@ -26,7 +30,7 @@ fn cost(worker: &Worker, critic: &mut Critic, how: Weighing) -> f64 {
             let (lost, late) = (step.terminated[i] == 1, step.truncated[i] == 1);
             let inside: f64 = (1..=left).map(|k| discount.powi(k)).sum();
             let behind = w * discount.powi(left + 1) / (1.0 - discount);
-            let lasting = if lost && how.lasting { inside + behind } else { 0.0 };
+            let lasting = if lost && weights.lasting { inside + behind } else { 0.0 };
             sum += power[i] * f64::from(step.cost[i]) * (1.0 + lasting);
             sum += if late && !lost { power[i] * discount * last[i] } else { 0.0 };
             power[i] = if lost || late { 1.0 } else { power[i] * discount };
@@ -34,11 +38,11 @@ fn cost(worker: &Worker, critic: &mut Critic, how: Weighing) -> f64 {
     }
     let behind = value(&shard.out.observation, steps.len());
     sum += power.iter().zip(behind).map(|(power, v)| power * v).sum::<f64>();
-    f64::from(how.loss_scale) * sum
+    f64::from(weights.loss_scale) * sum
 }
 
-fn flags(worker: &Worker) -> Vec<u8> {
-    worker.window.steps.iter().flat_map(|s| [&s.terminated[..], &s.truncated]).flatten().copied().collect()
+fn flags(window: &Window) -> Vec<u8> {
+    window.steps.iter().flat_map(|s| [&s.terminated[..], &s.truncated]).flatten().copied().collect()
 }
 
 #[test]
@@ -64,28 +68,28 @@ fn the_gradient_of_a_window_with_ends_and_a_critic_is_that_of_differences() {
         if n_known > 0 {
             window.see_privileged();
         }
-        let mut worker = Worker::new(window, &critic);
+        let mut value = WindowValue::new(&window, &critic);
         let lasting = objective == Objective::Loss;
-        let how = Weighing { loss_scale: 1.0 / 288.0, discount: 0.9, critic: 0.7, lasting };
-        let out = &worker.window.shard.out;
-        let from = (worker.window.shard.env.save(), out.observation.clone(), out.privileged.clone());
-        let fly = |worker: &mut Worker, critic: &mut Critic, p: &[f32]| {
-            worker.window.shard.env.load(&from.0).unwrap();
-            worker.window.shard.out.observation.copy_from_slice(&from.1);
-            worker.window.shard.out.privileged.copy_from_slice(&from.2);
-            worker.window.fly(&actor, Weights { parameters: p, transposed: &Transposed::default() }).unwrap();
-            worker.know();
-            cost(worker, critic, how)
+        let weights = CostWeights { loss_scale: 1.0 / 288.0, discount: 0.9, critic: 0.7, lasting };
+        let out = &window.shard.out;
+        let from = (window.shard.env.save(), out.observation.clone(), out.privileged.clone());
+        let fly = |window: &mut Window, value: &mut WindowValue, critic: &mut Critic, p: &[f32]| {
+            window.shard.env.load(&from.0).unwrap();
+            window.shard.out.observation.copy_from_slice(&from.1);
+            window.shard.out.privileged.copy_from_slice(&from.2);
+            window.fly(&actor, Weights { parameters: p, transposed: &Transposed::default() }).unwrap();
+            value.see_privileged(window);
+            cost(window, value, critic, weights)
         };
-        fly(&mut worker, &mut critic, &p);
-        let ends = flags(&worker);
+        fly(&mut window, &mut value, &mut critic, &p);
+        let ends = flags(&window);
         let count = |late: usize| ends.chunks(24).skip(late).step_by(2).flatten().filter(|x| **x == 1).count();
         assert!(count(0) > 2 && count(1) > 2, "{} lost, {} late", count(0), count(1));
-        worker.weigh(&critic, how);
+        value.weigh_costs(&mut window, &critic, weights);
         let mut transposed = Transposed::default();
         actor.mlp.transpose(&p, &mut transposed);
         let net = Weights { parameters: &p, transposed: &transposed };
-        let gradient = worker.window.sweep(&actor, net, &worker.d_last).unwrap().to_vec();
+        let gradient = window.sweep(&actor, net, &value.d_last).unwrap().to_vec();
         for direction in 0..4 {
             // along the gradient itself first, then random
             let noise = if direction == 0 { 0.0 } else { 0.02 };
@@ -95,8 +99,8 @@ fn the_gradient_of_a_window_with_ends_and_a_critic_is_that_of_differences() {
             let h = 2e-3 / size;
             let mut at = |h: f64| {
                 let moved: Vec<f32> = p.iter().zip(&d).map(|(p, d)| p + (h * f64::from(*d)) as f32).collect();
-                let cost = fly(&mut worker, &mut critic, &moved);
-                assert_eq!(flags(&worker), ends, "an end moved: choose another seed");
+                let cost = fly(&mut window, &mut value, &mut critic, &moved);
+                assert_eq!(flags(&window), ends, "an end moved: choose another seed");
                 cost
             };
             let differences = (at(h) - at(-h)) / (2.0 * h);
@@ -121,16 +125,16 @@ fn learnt_cost(as_death: bool) -> f32 {
         ..ShacConfig::default()
     };
     let mut shac = Shac::with(&make, &EnvConfig::default(), config, 1, Threads::new(1).unwrap()).unwrap();
-    let how = Weighing { loss_scale: 1.0 / 256.0, discount: 0.99, critic: 1.0, lasting: false };
     for update in 0..400 {
-        for worker in &mut shac.workers {
-            worker.learn(&shac.optimiser, &shac.critic, how).unwrap();
+        shac.policy_gradient(1.0).unwrap();
+        for worker in &mut shac.run.workers {
             for step in worker.window.steps.iter_mut().filter(|_| as_death) {
                 step.terminated.copy_from_slice(&step.truncated);
             }
         }
+        shac.estimate_targets();
         shac.fit_critic(f64::from(update) / 400.0);
-        shac.update += 1;
+        shac.run.update += 1;
     }
     shac.cost_to_go(&[1.0])[0]
 }
@@ -152,8 +156,8 @@ fn a_run_that_began_again_goes_on_from_its_tensors_with_the_same_bits() {
     let fresh = || Shac::new("Hover", &EnvConfig::default(), config.clone(), 1, Threads::new(1).unwrap()).unwrap();
     let (mut whole, mut policy, mut state) = (fresh(), Tensors::new(), Tensors::new());
     (0..2).for_each(|_| drop(whole.update().unwrap()));
-    assert_eq!((whole.optimiser.restarts, whole.n_update()), (2, 0));
-    assert_eq!(whole.critic.parameters, whole.target, "the critic began again, its slow copy did not");
+    assert_eq!((whole.run.optimiser.restarts, whole.n_update()), (2, 0));
+    assert_eq!(whole.critic.parameters, whole.target_critic, "the critic began again, its slow copy did not");
     whole.save(&mut policy, &mut state).unwrap();
     let mut resumed = fresh();
     resumed.load(&policy, &state).unwrap();
@@ -162,7 +166,7 @@ fn a_run_that_began_again_goes_on_from_its_tensors_with_the_same_bits() {
             learner.update().unwrap();
         }
     }
-    assert_eq!(whole.optimiser.restarts, MAX_RESTARTS);
+    assert_eq!(whole.run.optimiser.restarts, MAX_RESTARTS);
     assert_eq!(whole.policy().unwrap().parameters(), resumed.policy().unwrap().parameters());
     assert_eq!(whole.critic.parameters, resumed.critic.parameters);
 }

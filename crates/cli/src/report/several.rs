@@ -85,7 +85,7 @@ fn seeds(page: &mut Page, folder: &Path, telling: &Telling) -> Result<()> {
 }
 
 fn search(page: &mut Page, folder: &Path, telling: &Telling) -> Result<()> {
-    let (search, trials, failures) = internals::told_search(folder)?;
+    let (search, trials, failures) = internals::read_search(folder)?;
     let configs: Vec<TrainConfig> = search.candidates.iter().map(|(_, config)| config.clone()).collect();
     let names = named(&configs)?;
     let best = best(&trials);

@@ -1,7 +1,7 @@
 //! The commands about learning as a stranger meets them: `train`, `eval`, `watch`; and runs that are killed.
 
 use crate::command::{command, exits, json, size, temporary, widest};
-use omnidrones::rl::checkpoint::{Found, Store};
+use omnidrones::rl::checkpoint::{LatestCheckpoint, Store};
 use omnidrones::rl::{load_policy, log};
 use omnidrones::rng::{Purpose, Stream};
 use serde_json::Value;
@@ -587,7 +587,7 @@ fn long(folder: &Path, run: &str) -> Command {
     command
 }
 
-fn newest(run: &Path) -> Option<Found> {
+fn newest(run: &Path) -> Option<LatestCheckpoint> {
     Store::open(run).ok()?.latest().unwrap_or_else(|e| panic!("no whole checkpoint after a kill: {e}"))
 }
 

@@ -1,6 +1,6 @@
-//! The part of a policy that imitates.
+//! The student: the part of a policy that imitates.
 
-use super::Imitate;
+use super::ImitationTarget;
 use crate::nn::{Network, Weights, last_encoder};
 use crate::policy::Actor;
 use base::error::Result;
@@ -8,7 +8,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 /// All of it, or its last encoder.
-pub(super) struct Learnt {
+pub(super) struct Student {
     /// What learns.
     pub network: Arc<dyn Network>,
     /// What it reads of an observation.
@@ -19,12 +19,12 @@ pub(super) struct Learnt {
     encoder: Option<usize>,
 }
 
-impl Learnt {
+impl Student {
     /// # Errors
     /// As [`last_encoder`], where that learns.
-    pub(super) fn new(actor: &Actor, imitate: Imitate) -> Result<Self> {
+    pub(super) fn new(actor: &Actor, imitate: ImitationTarget) -> Result<Self> {
         let network = &actor.mlp;
-        if imitate == Imitate::Action {
+        if imitate == ImitationTarget::Action {
             let (columns, place) = (0..network.n_input(), 0..network.n_parameter());
             return Ok(Self { network: network.clone(), columns, place, encoder: None });
         }
