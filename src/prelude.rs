@@ -15,10 +15,13 @@
 
 #[doc(no_inline)]
 #[doc(no_inline)]
+#[doc(no_inline)]
 pub use autodiff::{Array, Rollout, Scalar, System, Trace, TraceMask, certify, linearise, safe};
 #[doc(no_inline)]
 #[doc(no_inline)]
+#[doc(no_inline)]
 pub use base::parallel::Threads;
+#[doc(no_inline)]
 #[doc(no_inline)]
 #[doc(no_inline)]
 pub use controllers::{
@@ -27,13 +30,17 @@ pub use controllers::{
 };
 #[doc(no_inline)]
 #[doc(no_inline)]
+#[doc(no_inline)]
 pub use dynamics::{Disturbance, Multirotor, Physics, Plant, Vehicle, World, configurations, vehicles};
+#[doc(no_inline)]
 #[doc(no_inline)]
 #[doc(no_inline)]
 pub use rl::{Learner, Policy, TrainConfig, Trainer, load_policy};
 #[doc(no_inline)]
 #[doc(no_inline)]
+#[doc(no_inline)]
 pub use rng::Stream;
+#[doc(no_inline)]
 #[doc(no_inline)]
 #[doc(no_inline)]
 pub use tasks::{Buffers, Ends, Env, EnvConfig, Robot, SingleEnv, Start, Task, View, Writer};

@@ -21,7 +21,7 @@
 
 mod config;
 
-pub use super::window::Objective;
+pub use super::window::TrainingObjective;
 pub use config::ApgConfig;
 
 use super::checkpoint::Tensors;
@@ -71,7 +71,7 @@ impl Apg {
     /// Steps 1 and 2: every shard flies a window, and its gradient is swept back over it.
     fn policy_gradient(&mut self) -> Result<WindowStats> {
         let (config, loss_scale) = (&self.config, self.config.of_windows().loss_scale());
-        let lasting = config.lasting && config.objective == Objective::Loss;
+        let lasting = config.lasting && config.objective == TrainingObjective::Loss;
         self.run.gradient(|optimiser, window, ()| {
             let (actor, net) = (&optimiser.actor, optimiser.net());
             window.fly(actor, net)?;
@@ -164,7 +164,7 @@ mod tests {
 
     #[test]
     fn a_last_cost_goes_on_to_the_windows_end_under_the_loss_alone() {
-        for objective in [Objective::Loss, Objective::Reward] {
+        for objective in [TrainingObjective::Loss, TrainingObjective::Reward] {
             let text = "seed = 5\nstagger = true\ntask.horizon = 40\ntask.reset_distance = 0.15";
             let env = EnvConfig::from_toml(text, "test").unwrap();
             let config = ApgConfig { n_env: 24, shard: 24, horizon: 12, objective, ..ApgConfig::default() };
@@ -174,7 +174,7 @@ mod tests {
             for (t, step) in apg.run.workers[0].window.steps.iter().enumerate() {
                 for (i, weight) in step.weight.iter().enumerate() {
                     let ended = step.terminated[i] == 1;
-                    let on = if ended && objective == Objective::Loss { 12 - t } else { 1 };
+                    let on = if ended && objective == TrainingObjective::Loss { 12 - t } else { 1 };
                     assert_eq!(*weight, on as f32 * (1.0 / 288.0), "step {t}");
                     (lost, late) = (lost + u32::from(ended), late + u32::from(step.truncated[i]));
                 }

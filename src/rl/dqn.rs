@@ -24,7 +24,7 @@ mod state;
 mod tests;
 mod values;
 
-pub use config::{DqnConfig, Mixer};
+pub use config::{DqnConfig, ValueMixer};
 
 use super::experience::{Block, Experience, Explore, Flown, Streams};
 use super::learner::{Update, share_done};

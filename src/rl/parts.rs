@@ -22,4 +22,4 @@ pub use super::rollout::{BehaviourPolicy, Collector, CriticSees, Rollout, Rollou
 pub use super::sequences::{Sequence, Sequences, sequences};
 pub use super::shards::{Shard, episodes, normalise, shards};
 pub use super::value_norm::ValueNorm;
-pub use super::window::{Objective, Window, WindowStats, WindowStep, gather, windows};
+pub use super::window::{TrainingObjective, Window, WindowStats, WindowStep, gather, windows};

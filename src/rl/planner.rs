@@ -12,7 +12,7 @@
 use super::checks::{check_counts, check_positive};
 use super::nn::{Adam, AdamConfig};
 use super::shards::within_memory;
-use super::window::Objective;
+use super::window::TrainingObjective;
 use base::defaults::with_defaults;
 use base::error::{Error, Result};
 use serde::{Deserialize, Serialize};
@@ -35,7 +35,7 @@ with_defaults! {
         /// Learning rate of actions, whose range is [−1, 1].
         pub learning_rate: f64 = 0.005,
         /// What is minimised.
-        pub objective: Objective = Objective::Loss,
+        pub objective: TrainingObjective = TrainingObjective::Loss,
         /// Steps that the last one of a plan stands for: what comes behind it costs too.
         pub beyond: f32 = 20.0,
         /// Largest norm, per environment, of the gradient that is carried back: what tumbles would not be caught otherwise.
@@ -104,7 +104,8 @@ impl Planner {
         let bytes = 4 * of_step * config.horizon as u128;
         within_memory("steps of a plan", config.horizon, bytes, spec.config.memory_limit)?;
         let n_step = n_action * config.horizon;
-        let (reward, loss) = (config.objective == Objective::Reward, config.objective == Objective::Loss);
+        let (reward, loss) =
+            (config.objective == TrainingObjective::Reward, config.objective == TrainingObjective::Loss);
         let adjoint = twin.adjoint_of(false, Seeds { central: false, reward, loss })?;
         let options = SweepOptions { clip: config.adjoint_clip, ..SweepOptions::default() };
         let adam = AdamConfig { beta2: 0.99, ..AdamConfig::default() };
@@ -210,14 +211,14 @@ impl Planner {
                 let info = &out.info[i * n_info..][..n_info];
                 let lost = out.terminated[i] == 1;
                 let cost = match config.objective {
-                    Objective::Loss if info[reason] == diverged => f32::INFINITY,
-                    Objective::Loss => info[loss],
-                    Objective::Reward => -out.reward[i * n_agent],
+                    TrainingObjective::Loss if info[reason] == diverged => f32::INFINITY,
+                    TrainingObjective::Loss => info[loss],
+                    TrainingObjective::Reward => -out.reward[i * n_agent],
                 };
                 // rewards just end
                 *weight = match config.objective {
-                    Objective::Loss if lost => LOST + config.horizon as f32 + config.beyond,
-                    Objective::Reward if lost => 1.0,
+                    TrainingObjective::Loss if lost => LOST + config.horizon as f32 + config.beyond,
+                    TrainingObjective::Reward if lost => 1.0,
                     _ => behind,
                 };
                 total[i] += f64::from(*weight * cost);
@@ -248,8 +249,8 @@ impl Planner {
             let weight = &weight[t * n_env..][..n_env];
             d_reward.iter_mut().zip(weight).for_each(|(d, w)| *d = -w);
             let up = match config.objective {
-                Objective::Loss => Cotangents { loss: weight, ..Cotangents::default() },
-                Objective::Reward => Cotangents { reward: &d_reward, ..Cotangents::default() },
+                TrainingObjective::Loss => Cotangents { loss: weight, ..Cotangents::default() },
+                TrainingObjective::Reward => Cotangents { reward: &d_reward, ..Cotangents::default() },
             };
             sweep.pull(tape, t, &up, &mut gradient[t * n..][..n])?;
         }
@@ -288,9 +289,11 @@ mod tests {
 
     #[test]
     fn plans_cost_less_than_the_flight_they_begin_from() {
-        for (task, objective) in
-            [("Hover", Objective::Loss), ("Hover", Objective::Reward), ("PayloadHover", Objective::Loss)]
-        {
+        for (task, objective) in [
+            ("Hover", TrainingObjective::Loss),
+            ("Hover", TrainingObjective::Reward),
+            ("PayloadHover", TrainingObjective::Loss),
+        ] {
             let config = PlannerConfig { horizon: 24, first_iterations: 12, objective, ..PlannerConfig::default() };
             let (own, mut planner) = (env(task, 3), planner(task, 3, config));
             let before = own.save();

@@ -38,7 +38,7 @@ use super::minibatch::minibatch;
 use super::policy::Policy;
 use super::state;
 use super::warm_start::WarmStart;
-use super::window::{Objective, Window, WindowStats};
+use super::window::{TrainingObjective, Window, WindowStats};
 use super::window_run::WindowRun;
 use base::error::Result;
 use base::parallel::Threads;
@@ -106,7 +106,7 @@ impl Shac {
             loss_scale: self.config.of_windows().loss_scale(),
             discount: self.config.discount as f32,
             critic: critic_weight as f32,
-            lasting: self.config.objective == Objective::Loss,
+            lasting: self.config.objective == TrainingObjective::Loss,
         };
         let critic = &self.critic;
         self.run.gradient(|optimiser, window, value| {
@@ -127,7 +127,7 @@ impl Shac {
         for worker in &run.workers {
             let (window, privileged) = (&worker.window, &worker.beside.privileged);
             let loss_scale = (1.0 - config.discount) as f32;
-            e.extend(window, privileged, loss_scale, config.objective == Objective::Loss);
+            e.extend(window, privileged, loss_scale, config.objective == TrainingObjective::Loss);
             let rows = e.cost.len();
             [&mut e.value, &mut e.next_value, &mut e.advantage, &mut e.target]
                 .into_iter()

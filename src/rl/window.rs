@@ -13,7 +13,7 @@ use tasks::{Adjoint, Column, Cotangents, Env, Seeds, StepOut, Sweep, SweepOption
 /// What is minimised in every step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Objective {
+pub enum TrainingObjective {
     /// The task's smooth training loss.
     #[default]
     Loss,
@@ -29,7 +29,7 @@ pub struct Window {
     pub steps: Vec<WindowStep>,
     tape: Tape,
     sweep: Sweep,
-    objective: Objective,
+    objective: TrainingObjective,
     /// Largest norm of the gradient of an environment's actions in a step; infinite for none.
     pub action_clip: f32,
     scratch: Scratch,
@@ -143,7 +143,7 @@ pub fn windows(
     shards: Vec<Shard>,
     actor: &Actor,
     horizon: usize,
-    objective: Objective,
+    objective: TrainingObjective,
     options: SweepOptions,
 ) -> Result<Vec<Window>> {
     let mut adjoint: Option<(usize, Adjoint)> = None;
@@ -156,7 +156,7 @@ pub fn windows(
         let program = match adjoint.take() {
             Some((size, program)) if size == n => program,
             _ => {
-                let (reward, loss) = (objective == Objective::Reward, objective == Objective::Loss);
+                let (reward, loss) = (objective == TrainingObjective::Reward, objective == TrainingObjective::Loss);
                 shard.env.adjoint_of(false, Seeds { central: false, reward, loss })?
             }
         };
@@ -173,7 +173,7 @@ impl Window {
         adjoint: &Adjoint,
         actor: &Actor,
         horizon: usize,
-        objective: Objective,
+        objective: TrainingObjective,
         options: SweepOptions,
     ) -> Result<Self> {
         let spec = shard.env.spec();
@@ -248,9 +248,9 @@ impl Window {
                 let info = &out.info[i * n_info..][..n_info];
                 *cost = match objective {
                     // a state that diverged has no loss: 0 would make it the best of ends
-                    Objective::Loss if info[reason] == diverged => f32::NAN,
-                    Objective::Loss => info[loss],
-                    Objective::Reward => -out.reward[i * n_agent],
+                    TrainingObjective::Loss if info[reason] == diverged => f32::NAN,
+                    TrainingObjective::Loss => info[loss],
+                    TrainingObjective::Reward => -out.reward[i * n_agent],
                 };
             }
             step.terminated.copy_from_slice(&out.terminated);
@@ -285,8 +285,8 @@ impl Window {
         let (gradient, _) = self.gradient.split_at_mut(actor.mlp.n_parameter());
         for (t, step) in self.steps.iter_mut().enumerate().rev() {
             let (loss, reward): (&[f32], &[f32]) = match self.objective {
-                Objective::Loss => (&step.weight, &[]),
-                Objective::Reward => {
+                TrainingObjective::Loss => (&step.weight, &[]),
+                TrainingObjective::Reward => {
                     self.d_reward.iter_mut().zip(&step.weight).for_each(|(reward, weight)| *reward = -weight);
                     (&[], &self.d_reward)
                 }
@@ -351,8 +351,11 @@ mod tests {
 
     #[test]
     fn the_gradient_of_a_window_is_that_of_differences_along_random_directions() {
-        for (task, objective) in [("Hover", Objective::Loss), ("Hover", Objective::Reward), ("Track", Objective::Loss)]
-        {
+        for (task, objective) in [
+            ("Hover", TrainingObjective::Loss),
+            ("Hover", TrainingObjective::Reward),
+            ("Track", TrainingObjective::Loss),
+        ] {
             let config = EnvConfig { n_env: 16, seed: 5, ..EnvConfig::default() };
             let shard = shards(&|config| Env::make(task, config), &config, 16).unwrap().remove(0);
             let actor = Actor::new(shard.env.spec(), &Layers { hidden: vec![16], ..Layers::default() }, true).unwrap();

@@ -8,7 +8,7 @@ use super::policy_optimiser::PolicyOptimiser;
 use super::shards::{Shard, begin_statistics, normalise, set_difficulty, shards_if};
 use super::state;
 use super::warm_start::WarmStart;
-use super::window::{Objective, Window, WindowStats, check_windows, gather, windows};
+use super::window::{TrainingObjective, Window, WindowStats, check_windows, gather, windows};
 use base::error::{Error, Result};
 use base::parallel::Threads;
 use tasks::{EnvConfig, SweepOptions};
@@ -18,7 +18,7 @@ pub(super) struct WindowSettings<'a> {
     pub n_env: usize,
     pub shard: usize,
     pub horizon: usize,
-    pub objective: Objective,
+    pub objective: TrainingObjective,
     pub decay: f32,
     pub adjoint_clip: f32,
     pub action_clip: f32,

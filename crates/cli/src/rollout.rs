@@ -7,7 +7,7 @@ use super::rollout_files::{EpisodeArguments, Told};
 use crate::prelude::*;
 use clap::ValueEnum;
 use omnidrones::parallel::Threads;
-use omnidrones::rl::parts::Objective;
+use omnidrones::rl::parts::TrainingObjective;
 use omnidrones::rl::planner::{Planner, PlannerConfig};
 use omnidrones::tasks::registry::{self, TaskEntry};
 use omnidrones::tasks::{Autoreset, Baseline, Buffers, Env, EnvConfig, EvaluationStep};
@@ -142,7 +142,7 @@ impl PlanArguments {
             first_iterations: iterations.saturating_mul(10),
             learning_rate: self.plan_rate.unwrap_or(usual.learning_rate),
             beyond: self.plan_beyond.unwrap_or(usual.beyond),
-            objective: if self.plan_reward { Objective::Reward } else { Objective::Loss },
+            objective: if self.plan_reward { TrainingObjective::Reward } else { Objective::Loss },
             ..usual
         })
     }

@@ -1,6 +1,6 @@
 //! Settings of APG.
 
-use super::{Apg, Objective};
+use super::{Apg, TrainingObjective};
 use crate::checks::check_counts;
 use crate::learner::built_in;
 use crate::nn::{AdamConfig, Layers};
@@ -37,7 +37,7 @@ with_defaults! {
         /// would turn the update of all. Infinite for none.
         pub action_clip: f32 = f32::INFINITY,
         /// What is minimised.
-        pub objective: Objective = Objective::Loss,
+        pub objective: TrainingObjective = TrainingObjective::Loss,
         /// Whether the last loss of an episode that the task ended goes on to the window's end.
         pub lasting: bool = true,
         /// Share of hidden tanh units beyond ±0.99 at which the run begins again at half the rate, up to six times; 1 for never.

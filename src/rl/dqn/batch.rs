@@ -2,7 +2,7 @@
 
 use super::mixing::Mixing;
 use super::values::Values;
-use super::{DqnConfig, Mixer};
+use super::{DqnConfig, ValueMixer};
 use crate::experience::Block;
 use crate::nn::{Activation, Memory, Mlp, Network, PerAgent, Scratch};
 use crate::policy::{ROWS, network};
@@ -50,7 +50,7 @@ pub(super) struct Work {
 
 impl Shapes {
     pub fn new(spec: &Spec, config: &DqnConfig) -> Result<Self> {
-        let (values, team) = (Values::of(spec, config)?, config.mixer != Mixer::None);
+        let (values, team) = (Values::of(spec, config)?, config.mixer != ValueMixer::None);
         let widths = Widths::of(spec, team);
         let agents = if team { widths.n_agent } else { 1 };
         let n_state = if widths.n_state > 0 { widths.n_state } else { widths.seen() };

@@ -16,7 +16,7 @@ use tasks::{ActionSpace, EnvConfig, Spec};
 /// How the values of a team's agents make one of the team.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
-pub enum Mixer {
+pub enum ValueMixer {
     /// They do not: every agent learns from its own reward.
     #[default]
     None,
@@ -60,7 +60,7 @@ pub struct DqnConfig {
     /// Quantiles of an action's return, 1 for its mean alone (Dabney et al. 2018).
     pub quantiles: usize,
     /// How the values of a team's agents make one of the team.
-    pub mixer: Mixer,
+    pub mixer: ValueMixer,
     /// Whether every agent of a team has a network of its own; needs a `mixer`.
     pub separate_values: bool,
     /// Values of each number of an action, where `env.actions` leaves them continuous.
@@ -96,7 +96,7 @@ impl Default for DqnConfig {
             double: true,
             duelling: true,
             quantiles: 1,
-            mixer: Mixer::None,
+            mixer: ValueMixer::None,
             separate_values: false,
             levels: 3,
             learning_rate: Schedule::cosine(3e-3, 3e-4),
@@ -139,7 +139,7 @@ impl DqnConfig {
     /// [`Error::Value`] or [`Error::Limit`] with the number, the rule and the remedy.
     pub fn validate(&self) -> Result<()> {
         let (units, hidden) = match self.mixer {
-            Mixer::Monotone { units, hidden } => (units, hidden),
+            ValueMixer::Monotone { units, hidden } => (units, hidden),
             _ => (1, 1),
         };
         check_counts(
@@ -156,15 +156,15 @@ impl DqnConfig {
             ],
             "512, 256, 8, 32, 512, 1, 3, 32 and 64 are usual.",
         )?;
-        if self.mixer != Mixer::None && self.quantiles > 1 {
+        if self.mixer != ValueMixer::None && self.quantiles > 1 {
             let remedy = "Leave quantiles out: a mixer takes one number of each agent.";
             return Err(Error::value("quantiles", self.quantiles, "1 with a mixer", remedy));
         }
-        if self.mixer != Mixer::None && self.replay.priority > 0.0 {
+        if self.mixer != ValueMixer::None && self.replay.priority > 0.0 {
             let remedy = "Leave it out: rows of a team are drawn alike.";
             return Err(Error::value("replay.priority", self.replay.priority, "0 with a mixer", remedy));
         }
-        if self.mixer == Mixer::None && self.separate_values {
+        if self.mixer == ValueMixer::None && self.separate_values {
             let remedy = "Set mixer = { kind = 'sum' } or { kind = 'monotone', units = 32, hidden = 64 }: rows of a team are drawn together then, agent by agent.";
             return Err(Error::value("separate_values", true, "false without a mixer", remedy));
         }

@@ -3,7 +3,7 @@
 //! QMIX (Rashid et al. 2018): Q = Σᵤ |w₂ᵤ(s)| elu(Σᵢ |W₁ᵢᵤ(s)| qᵢ + b₁ᵤ(s)) + b₂(s). All of W₁, b₁, w₂ and b₂ are outputs of one
 //! network of the state. As no weight is negative, the best action of each agent is the best of the team.
 
-use super::config::Mixer;
+use super::config::ValueMixer;
 use crate::nn::{Activation, Layers, Mlp};
 use base::error::Result;
 
@@ -21,11 +21,11 @@ impl Mixing {
     ///
     /// # Errors
     /// As [`Mlp::new`].
-    pub fn new(mixer: Mixer, agents: usize, n_state: usize) -> Result<Option<Self>> {
+    pub fn new(mixer: ValueMixer, agents: usize, n_state: usize) -> Result<Option<Self>> {
         Ok(match mixer {
-            Mixer::None => None,
-            Mixer::Sum => Some(Self { agents, units: 0, weights: None }),
-            Mixer::Monotone { units, hidden } => {
+            ValueMixer::None => None,
+            ValueMixer::Sum => Some(Self { agents, units: 0, weights: None }),
+            ValueMixer::Monotone { units, hidden } => {
                 let layers = Layers { hidden: vec![hidden], ..Layers::elu(0.5) };
                 let n_output = agents * units + 2 * units + 1;
                 let weights = Mlp::new(n_state, &layers, n_output, Activation::Identity)?;
@@ -97,7 +97,7 @@ mod tests {
     use rng::{Purpose, Stream};
 
     fn monotone() -> Mixing {
-        Mixing::new(Mixer::Monotone { units: 5, hidden: 8 }, 3, 4).unwrap().unwrap()
+        Mixing::new(ValueMixer::Monotone { units: 5, hidden: 8 }, 3, 4).unwrap().unwrap()
     }
 
     #[test]
@@ -129,7 +129,7 @@ mod tests {
 
     #[test]
     fn a_sum_is_a_sum() {
-        let mixing = Mixing::new(Mixer::Sum, 3, 4).unwrap().unwrap();
+        let mixing = Mixing::new(ValueMixer::Sum, 3, 4).unwrap().unwrap();
         let mut grad = [0.0; 3];
         mixing.pull(&[1.0, 2.0, 3.0], &[], 0.5, &mut grad, &mut []);
         assert_eq!((mixing.mix(&[1.0, 2.0, 3.0], &[]), grad), (6.0, [1.0; 3]));

@@ -2,7 +2,7 @@
 
 use super::batch::Shapes;
 use super::values::Values;
-use super::{Dqn, DqnConfig, Mixer, VALUE_BETA};
+use super::{Dqn, DqnConfig, VALUE_BETA, ValueMixer};
 use crate::checkpoint::Tensors;
 use crate::experience::Experience;
 use crate::learner::{Learner, Make, Progress, Update};
@@ -29,7 +29,7 @@ impl Dqn {
         config.validate()?;
         let env = EnvConfig { n_env: config.n_env, seed, ..config.seen(env) };
         Experience::check(&env)?;
-        let team = config.mixer != Mixer::None;
+        let team = config.mixer != ValueMixer::None;
         let shards = shards_if(make, &env, config.shard, |first, n| {
             Values::of(first.spec(), &config)?;
             config.replay.fits(first.spec(), n, team)

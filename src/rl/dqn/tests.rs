@@ -34,7 +34,7 @@ fn staggered() -> EnvConfig {
     EnvConfig { stagger: true, ..EnvConfig::default() }
 }
 
-const QMIX: Mixer = Mixer::Monotone { units: 16, hidden: 32 };
+const QMIX: ValueMixer = ValueMixer::Monotone { units: 16, hidden: 32 };
 
 /// Every kind of value there is, and the task that it is tried on.
 fn kinds() -> Vec<(&'static str, DqnConfig)> {
@@ -43,9 +43,9 @@ fn kinds() -> Vec<(&'static str, DqnConfig)> {
         ("Hover", small()),
         ("Hover", DqnConfig { duelling: true, double: false, replay: prioritised, ..small() }),
         ("Hover", DqnConfig { quantiles: 5, duelling: true, ..small() }),
-        ("OverHover", DqnConfig { mixer: Mixer::Sum, ..small() }),
+        ("OverHover", DqnConfig { mixer: ValueMixer::Sum, ..small() }),
         ("OverHover", DqnConfig { mixer: QMIX, ..small() }),
-        ("OverHover", DqnConfig { mixer: Mixer::Sum, duelling: true, separate_values: true, ..small() }),
+        ("OverHover", DqnConfig { mixer: ValueMixer::Sum, duelling: true, separate_values: true, ..small() }),
         ("OverHover", DqnConfig { mixer: QMIX, separate_values: true, ..small() }),
     ]
 }
@@ -182,7 +182,7 @@ fn double_targets_value_what_the_learnt_network_chooses() {
 /// worth alone and together.
 #[test]
 fn targets_of_a_team_are_what_its_target_networks_say_of_what_its_agents_choose() {
-    for (mixer, separate_values) in [(Mixer::Sum, false), (QMIX, false), (Mixer::Sum, true), (QMIX, true)] {
+    for (mixer, separate_values) in [(ValueMixer::Sum, false), (QMIX, false), (ValueMixer::Sum, true), (QMIX, true)] {
         let env = EnvConfig { actions: ActionSpace::Discrete { levels: 2 }, ..staggered() };
         let mut own = of("OverHover", &env, DqnConfig { mixer, separate_values, tau: 0.05, ..small() }, 1);
         (0..18).for_each(|_| drop(own.update().unwrap()));
@@ -220,7 +220,7 @@ fn targets_of_a_team_are_what_its_target_networks_say_of_what_its_agents_choose(
         }
         println!("{mixer:?}: {most:.1e}, {learnt:.1e} by the mixer that learns, {ended} ended");
         assert!(most < 1e-3 && ended > 0, "{mixer:?}: {most:e}, {ended} ended");
-        assert!(mixer == Mixer::Sum || learnt > 1e-2, "both mixers say the same");
+        assert!(mixer == ValueMixer::Sum || learnt > 1e-2, "both mixers say the same");
     }
 }
 
@@ -387,7 +387,7 @@ fn dqn_whose_target_moves_in_three_of_four_steps_or_in_one_finds_the_same_values
 
 /// A game of one step for the first two agents of a team with `payoff`: the joint action that they settle on, and its value, after
 /// 4000 times `learn`.
-fn settle(mixer: Mixer, payoff: [[f32; 3]; 3], learn: fn(&mut Dqn)) -> ((usize, usize), f32) {
+fn settle(mixer: ValueMixer, payoff: [[f32; 3]; 3], learn: fn(&mut Dqn)) -> ((usize, usize), f32) {
     let env = EnvConfig { actions: ActionSpace::Discrete { levels: 2 }, ..staggered() };
     let config = DqnConfig {
         n_env: 40,
@@ -453,7 +453,7 @@ fn teams_settle_on_the_optimum_of_games_that_are_monotone() {
     let (choice, worth) = settle(QMIX, TOGETHER, improve);
     println!("QMIX {choice:?} {worth}");
     assert!(choice == (2, 2) && (worth - 8.0).abs() < 0.2, "{choice:?} {worth}");
-    let (choice, worth) = settle(Mixer::Sum, TOGETHER, improve);
+    let (choice, worth) = settle(ValueMixer::Sum, TOGETHER, improve);
     println!("VDN {choice:?} {worth}");
     assert!(choice == (2, 2) && worth < 7.0, "{choice:?} {worth}");
 }

@@ -6,7 +6,7 @@ use crate::learner::built_in;
 use crate::nn::{Activation, AdamConfig, Layers};
 use crate::policy_optimiser::check_optimiser;
 use crate::schedule::Schedule;
-use crate::window::Objective;
+use crate::window::TrainingObjective;
 use crate::window_run::WindowSettings;
 use base::defaults::with_defaults;
 use base::error::{Error, Result};
@@ -58,7 +58,7 @@ with_defaults! {
         /// would turn the update of all. Infinite for none.
         pub action_clip: f32 = f32::INFINITY,
         /// What is minimised.
-        pub objective: Objective = Objective::Loss,
+        pub objective: TrainingObjective = TrainingObjective::Loss,
         /// Share of hidden tanh units beyond ±0.99 at which the run begins again at half the rate, up to six times; 1 for never.
         pub saturation: f64 = 0.25,
         /// The optimiser of both.

@@ -48,7 +48,9 @@ fn flags(window: &Window) -> Vec<u8> {
 #[test]
 fn the_gradient_of_a_window_with_ends_and_a_critic_is_that_of_differences() {
     let hidden = "\nrandomise = [{ what = 'mass', range = [0.9, 1.1] }]";
-    for (objective, hidden) in [(Objective::Loss, ""), (Objective::Reward, ""), (Objective::Loss, hidden)] {
+    for (objective, hidden) in
+        [(TrainingObjective::Loss, ""), (TrainingObjective::Reward, ""), (TrainingObjective::Loss, hidden)]
+    {
         let text = "n_env = 24\nseed = 5\nstagger = true\ntask.horizon = 40\ntask.reset_distance = 0.15";
         let config = EnvConfig::from_toml(&format!("{text}{hidden}"), "test").unwrap();
         let shard = shards(&|config| Env::make("Track", config), &config, 24).unwrap().remove(0);
@@ -69,7 +71,7 @@ fn the_gradient_of_a_window_with_ends_and_a_critic_is_that_of_differences() {
             window.see_privileged();
         }
         let mut value = WindowValue::new(&window, &critic);
-        let lasting = objective == Objective::Loss;
+        let lasting = objective == TrainingObjective::Loss;
         let weights = CostWeights { loss_scale: 1.0 / 288.0, discount: 0.9, critic: 0.7, lasting };
         let out = &window.shard.out;
         let from = (window.shard.env.save(), out.observation.clone(), out.privileged.clone());
@@ -121,7 +123,7 @@ fn learnt_cost(as_death: bool) -> f32 {
         updates: 400,
         discount: 0.99,
         critic_learning_rate: Schedule::cosine(0.01, 1e-4),
-        objective: Objective::Reward,
+        objective: TrainingObjective::Reward,
         ..ShacConfig::default()
     };
     let mut shac = Shac::with(&make, &EnvConfig::default(), config, 1, Threads::new(1).unwrap()).unwrap();
