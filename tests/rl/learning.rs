@@ -8,7 +8,7 @@ use omnidrones::rl::algorithm;
 use omnidrones::rl::apg::{Apg, ApgConfig};
 use omnidrones::rl::checkpoint::Tensors;
 use omnidrones::rl::dagger::{Dagger, DaggerConfig, ImitationTarget};
-use omnidrones::rl::dqn::{Dqn, DqnConfig, Mixer};
+use omnidrones::rl::dqn::{Dqn, DqnConfig, ValueMixer};
 use omnidrones::rl::nn::{AdamConfig, Encoder, Layers, Recurrence};
 use omnidrones::rl::policy::Actor;
 use omnidrones::rl::ppo::{Ppo, PpoConfig};
@@ -211,7 +211,7 @@ fn what_is_not_finite_reaches_no_weight_and_learning_goes_on() {
     let remembers = PpoConfig { network: Layers { memory, ..ppo.network.clone() }, ..ppo.clone() };
     let make = &crate::regulate::make_poisoned;
     let values = |mixer| DqnConfig { levels: 9, mixer, ..regulating_values() };
-    let mixed = values(Mixer::Monotone { units: 8, hidden: 16 });
+    let mixed = values(ValueMixer::Monotone { units: 8, hidden: 16 });
     let learners: [(&str, Box<dyn Learner>); 8] = [
         ("apg", Box::new(Apg::with(make, &env, apg, 1, threads(2)).unwrap())),
         ("shac", Box::new(Shac::with(make, &env, shac, 1, threads(2)).unwrap())),
@@ -219,7 +219,7 @@ fn what_is_not_finite_reaches_no_weight_and_learning_goes_on() {
         ("ppo with memory", Box::new(Ppo::with(make, &env, remembers, 1, threads(2)).unwrap())),
         ("sac", Box::new(Sac::with(make, &env, regulating_sac(), 1, threads(2)).unwrap())),
         ("td3", Box::new(Td3::with(make, &env, regulating_td3(), 1, threads(2)).unwrap())),
-        ("dqn", Box::new(Dqn::with(make, &env, values(Mixer::None), 1, threads(2)).unwrap())),
+        ("dqn", Box::new(Dqn::with(make, &env, values(ValueMixer::None), 1, threads(2)).unwrap())),
         ("qmix", Box::new(Dqn::with(make, &env, mixed, 1, threads(2)).unwrap())),
     ];
     for (name, mut learner) in learners {

@@ -142,7 +142,7 @@ impl PlanArguments {
             first_iterations: iterations.saturating_mul(10),
             learning_rate: self.plan_rate.unwrap_or(usual.learning_rate),
             beyond: self.plan_beyond.unwrap_or(usual.beyond),
-            objective: if self.plan_reward { TrainingObjective::Reward } else { Objective::Loss },
+            objective: if self.plan_reward { TrainingObjective::Reward } else { TrainingObjective::Loss },
             ..usual
         })
     }

@@ -3,7 +3,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use omnidrones::autodiff::native::{Executable, Layout, Place, Row, Rows};
+use omnidrones::autodiff::native::{Executable, Place, Row, RowLayout, Rows};
 use omnidrones::autodiff::program::BLOCK;
 use omnidrones::autodiff::{Mask, Program, Recording, Scalar, Trace};
 
@@ -55,7 +55,7 @@ fn hold<R: Row + PartialEq>(
 ) {
     let (n_input, n_output) = (program.n_input(), program.n_output());
     let over = |n: usize| (0..n as u32).map(|row| Place { array: 0, row }).collect();
-    for layout in [Layout::apart(n_input, n_output), Layout::new(over(n_input), over(n_output)).unwrap()] {
+    for layout in [RowLayout::apart(n_input, n_output), RowLayout::new(over(n_input), over(n_output)).unwrap()] {
         let is_apart = layout.n_array() == 2;
         let executable = Executable::<R>::new(program, layout).unwrap();
         let mut results = vec![blank; n_input.max(n_output)];

@@ -1,4 +1,4 @@
-//! From an agent's numbers to rotor actions: spaces, clipping, delay, and the cascade in the control modes.
+//! From an agent's numbers to rotor actions: spaces, clipping, and the cascade in the control modes. `phases` delays and steers by it.
 
 use crate::config::{ActionSpace, EnvConfig};
 use crate::robot::{DronePlace, Robot};
