@@ -70,6 +70,7 @@ with_defaults! {
 /// otherwise.
 ///
 /// ```
+/// # use omnidrones_rl::omnidrones;
 /// use omnidrones::rl::{TrainConfig, apg::ApgConfig};
 /// let own = "seed = 3\n[apg]\nnetwork.hidden = [32, 32]";
 /// let config = TrainConfig::for_task("Hover", Some("apg"), Some((own, "my.toml")))?;

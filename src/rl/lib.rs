@@ -38,6 +38,7 @@
 //! | `gae`, `value_loss`, `value_norm`, [`schedule`] | advantages, losses and scales of values, rates |
 //!
 //! ```
+//! # use omnidrones_rl::omnidrones;
 //! use omnidrones::parallel::Threads;
 //! use omnidrones::rl::{Learner, apg::{Apg, ApgConfig}};
 //! use omnidrones::tasks::EnvConfig;
@@ -143,3 +144,10 @@ pub use replay::ReplayConfig;
 pub use schedule::Schedule;
 pub use trainer::{TrainResult, Trainer};
 pub use warm_start::WarmStart;
+
+/// Examples of the documentation name things as users of `omnidrones` do.
+#[doc(hidden)]
+pub mod omnidrones {
+    pub use crate as rl;
+    pub use {autodiff, base::error, base::parallel, dynamics, rng, tasks};
+}

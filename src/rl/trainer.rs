@@ -50,6 +50,7 @@ use tasks::{Env, EnvConfig, Evaluation, registry};
 /// A run: a learner, its clock, its files.
 ///
 /// ```
+/// # use omnidrones_rl::omnidrones;
 /// use omnidrones::parallel::Threads;
 /// use omnidrones::rl::{TrainConfig, Trainer};
 /// use std::ops::ControlFlow;

@@ -73,6 +73,7 @@ pub(crate) const MEMORY_LIMIT: u64 = 8 << 30;
 /// A batch of environments: how many, what physics, which transforms. The task's own settings stand in `task`.
 ///
 /// ```
+/// # use omnidrones_tasks::omnidrones;
 /// use omnidrones::tasks::EnvConfig;
 /// let config = EnvConfig::from_toml("n_env = 256\ncontrol = 'rate'\n[task]\nvehicle = 'crazyflie'", "my.toml")?;
 /// assert_eq!((config.n_env, config.control_steps()), (256, 4));

@@ -26,6 +26,7 @@
 //! # The main path
 //!
 //! ```
+//! # use omnidrones_tasks::omnidrones;
 //! use omnidrones::tasks::{Buffers, Column, Env, EnvConfig};
 //!
 //! let mut env = Env::make("Track", &EnvConfig { n_env: 100, ..EnvConfig::default() })?;
@@ -50,6 +51,7 @@
 //! in the same breath; that is all of its documentation, its layout and its infos:
 //!
 //! ```
+//! # use omnidrones_tasks::omnidrones;
 //! use omnidrones::autodiff::{Scalar, Trace, TraceMask};
 //! use omnidrones::error::Result;
 //! use omnidrones::settings;
@@ -185,3 +187,11 @@ pub use settings::{Setting, SettingDomain, Settings};
 pub use start::{ANY_YAW, Draw, Draws, START_TILT, Start, StartScalar};
 pub use task::{HostStart, Task, TaskReference, View};
 pub use task_spec::{End, Field, FieldLayout, Limit, Metric, Smoothness, Success, TaskSpec, Term};
+
+/// Examples of the documentation name things as users of `omnidrones` do.
+#[doc(hidden)]
+pub mod omnidrones {
+    pub use crate as tasks;
+    pub use crate::settings;
+    pub use {autodiff, base::error, base::parallel, controllers, dynamics, rng};
+}

@@ -52,6 +52,7 @@ pub struct RecordedStep {
 /// Watches an evaluation.
 ///
 /// ```
+/// # use omnidrones_tasks::omnidrones;
 /// use omnidrones::tasks::{Autoreset, Baseline, Env, EnvConfig, Record, evaluate};
 ///
 /// let config = EnvConfig::from_toml("n_env = 8\nautoreset = 'disabled'\n[task]\nhorizon = 50", "eight")?;

@@ -181,6 +181,7 @@ pub trait Settings: Clone + Default {
 /// a struct of its own, whose keys begin with the name of the field (`=> group;`) or not (`=> flat;`).
 ///
 /// ```
+/// # use omnidrones_tasks::omnidrones;
 /// use omnidrones::settings;
 /// use omnidrones::tasks::settings::Settings;
 ///

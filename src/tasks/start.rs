@@ -270,6 +270,7 @@ impl Draws<'_, f64> {
 /// and the goal is changed by place.
 ///
 /// ```
+/// # use omnidrones_tasks::omnidrones;
 /// use omnidrones::tasks::Start;
 /// use omnidrones::tasks::robot::Inertial;
 ///
@@ -342,6 +343,7 @@ impl<'a, S: StartScalar> Start<'a, S> {
     /// and a normal one four; what an attempt changes must not depend on what the one before it did.
     ///
     /// ```
+    /// # use omnidrones_tasks::omnidrones;
     /// use omnidrones::tasks::Start;
     ///
     /// /// Somewhere in a cylinder.

@@ -28,6 +28,7 @@ use std::f64::consts::{PI, TAU};
 /// A branch on a recorded number does not compile:
 ///
 /// ```compile_fail,E0369
+/// # use omnidrones_tasks::omnidrones;
 /// use omnidrones::tasks::View;
 ///
 /// fn is_low(view: &View) -> bool {
@@ -36,6 +37,7 @@ use std::f64::consts::{PI, TAU};
 /// ```
 ///
 /// ```compile_fail,E0369
+/// # use omnidrones_tasks::omnidrones;
 /// use omnidrones::tasks::View;
 ///
 /// fn is_first(view: &View) -> bool {
@@ -46,7 +48,9 @@ use std::f64::consts::{PI, TAU};
 /// A comparison by `lt` gives a truth for each environment, which `Scalar::select` picks by:
 ///
 /// ```
-/// use omnidrones::prelude::*;
+/// # use omnidrones_tasks::omnidrones;
+/// use omnidrones::autodiff::{Scalar, Trace};
+/// use omnidrones::tasks::View;
 ///
 /// fn depth(view: &View) -> Trace {
 ///     let height = view.drone(0).position[2];

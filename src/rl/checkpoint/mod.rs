@@ -30,6 +30,7 @@
 //! write the files can forge them.
 //!
 //! ```
+//! # use omnidrones_rl::omnidrones;
 //! use omnidrones::rl::checkpoint::{Checkpoint, Manifest, Store, Tensors};
 //! # let run = tempfile::tempdir().unwrap();
 //! # let run = run.path();

@@ -133,6 +133,7 @@ impl Layer {
 /// The shape of a network; its parameters are an array of the caller.
 ///
 /// ```
+/// # use omnidrones_rl::omnidrones;
 /// use omnidrones::rl::nn::{Activation, Layers, Mlp};
 /// use omnidrones::rng::{Purpose, Stream};
 ///

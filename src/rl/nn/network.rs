@@ -22,6 +22,7 @@ pub type Named<'a> = dyn FnMut(&str, &[usize]) -> Result<Vec<f32>> + 'a;
 /// the state on; gradients through time are sums over such steps.
 ///
 /// ```
+/// # use omnidrones_rl::omnidrones;
 /// use omnidrones::rl::nn::{Gru, Network};
 /// use omnidrones::rng::{Purpose, Stream};
 ///

@@ -21,6 +21,7 @@ const N_ENV: usize = 70;
 /// Checks the contract of the environment that `make` builds from a configuration, with random actions.
 ///
 /// ```
+/// # use omnidrones_tasks::omnidrones;
 /// use omnidrones::tasks::{Env, EnvConfig, check_env};
 /// let findings = check_env(&|config| Env::make("Hover", config), &EnvConfig::default())?;
 /// assert!(findings.iter().all(|f| f.objection.is_none()));

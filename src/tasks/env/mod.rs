@@ -109,6 +109,7 @@ const BLOCKS_PER_PART: usize = 4;
 /// E environments of one task.
 ///
 /// ```
+/// # use omnidrones_tasks::omnidrones;
 /// use omnidrones::tasks::{Buffers, Env, EnvConfig};
 ///
 /// let mut env = Env::make("Hover", &EnvConfig { n_env: 100, ..EnvConfig::default() })?;

@@ -22,6 +22,7 @@ pub struct SingleStep<'a> {
 /// One environment. It does not restart by itself: call [`SingleEnv::reset`] when an episode is over.
 ///
 /// ```
+/// # use omnidrones_tasks::omnidrones;
 /// use omnidrones::tasks::{EnvConfig, SingleEnv};
 ///
 /// let mut env = SingleEnv::make("Hover", &EnvConfig::default())?;

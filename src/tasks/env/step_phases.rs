@@ -23,6 +23,7 @@ impl Env {
     /// Lets `look` do a step of one environment as it stands, phase by phase. The environment itself does not move.
     ///
     /// ```
+    /// # use omnidrones_tasks::omnidrones;
     /// use omnidrones::tasks::{Buffers, Env, EnvConfig};
     ///
     /// let mut env = Env::make("Hover", &EnvConfig::from_toml("control = 'rate'", "text")?)?;
