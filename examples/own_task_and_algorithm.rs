@@ -9,7 +9,8 @@ use omnidrones::prelude::*;
 use omnidrones::rl::checkpoint::Tensors;
 use omnidrones::rl::nn::{Activation, Adam, AdamConfig, Layers, Transposed, Weights, clip_norm};
 use omnidrones::rl::parts::{
-    BehaviourPolicy, Collector, Critic, CriticSees, Fit, Make, Minibatch, Rollout, Shape, Sums, ValueNorm, shards,
+    BehaviourPolicy, Collector, Critic, CriticSees, Fit, Make, Minibatch, RolloutBatch, RolloutShape, Sums, ValueNorm,
+    shards,
 };
 use omnidrones::rl::policy::Actor;
 use omnidrones::rl::{Algorithm, Episodes, Progress, Starts, Update, algorithm, evaluate, state};
@@ -100,7 +101,7 @@ impl Algorithm for A2cConfig {
         let env = EnvConfig { n_env: self.n_env, seed, ..env.clone() };
         let shards = shards(make, &env, 64)?;
         let spec = shards[0].env.spec().clone();
-        let (actor, shape) = (self.actor(&spec)?, Shape::new(&spec, self.steps, CriticSees::default()));
+        let (actor, shape) = (self.actor(&spec)?, RolloutShape::new(&spec, self.steps, CriticSees::default()));
         let stream = |network| Stream::new(seed, 0, network, Purpose::LEARNING);
         let mut parameters = actor.mlp.init(&mut stream(0));
         parameters.resize(actor.n_parameter(), -0.5); // log standard deviations
@@ -113,7 +114,7 @@ impl Algorithm for A2cConfig {
             adam: Adam::new(adam, parameters.len()),
             batch: Minibatch::new(&actor.mlp, actor.head.n_extra(), rows, env.memory_limit)?,
             collectors: shards.into_iter().map(|shard| Collector::new(shard, &actor, &critic)).collect(),
-            rollout: Rollout::new(shape, self.n_env),
+            rollout: RolloutBatch::new(shape, self.n_env),
             norm: ValueNorm::new(0.99)?,
             counters: [0; 2],
             config: self.clone(),
@@ -132,7 +133,7 @@ struct A2c {
     critic: Critic,
     norm: ValueNorm,
     collectors: Vec<Collector>,
-    rollout: Rollout,
+    rollout: RolloutBatch,
     threads: Threads,
     seed: u64,
     counters: [u64; 2], // updates, steps of environments

@@ -3,7 +3,7 @@
 //! All instruction sets that fuse multiplication and addition come to the same hash, the one-lane fallback to another. A change
 //! of a hash is a line in the changelog; the test prints the table as it is now.
 
-use autodiff::lanes::{Set, with_set};
+use autodiff::lanes::{InstructionSet, with_set};
 use base::parallel::Threads;
 use rl::Learner;
 use rl::apg::{Apg, ApgConfig};
@@ -79,7 +79,8 @@ fn all() -> Vec<(String, String)> {
 
 #[test]
 fn bits_are_those_of_before_with_every_instruction_set() {
-    let sets = [Set::Avx512, Set::Avx2, Set::OneLane].into_iter().filter(|set| set.is_here());
+    let sets =
+        [InstructionSet::Avx512, InstructionSet::Avx2, InstructionSet::OneLane].into_iter().filter(|set| set.is_here());
     let found: Vec<_> = sets.map(|set| (set, with_set(set, all))).collect();
     for (set, hashes) in &found {
         for (name, hash) in hashes {
@@ -89,7 +90,7 @@ fn bits_are_those_of_before_with_every_instruction_set() {
     for (set, hashes) in &found {
         for (name, hash) in hashes {
             let (_, fused, one) = TABLE.iter().find(|(known, ..)| known == name).unwrap_or_else(|| panic!("{name}"));
-            let wanted = if *set == Set::OneLane { one } else { fused };
+            let wanted = if *set == InstructionSet::OneLane { one } else { fused };
             assert_eq!(hash, wanted, "{name} with {set:?}: a line of the changelog, or a mistake");
         }
     }

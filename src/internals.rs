@@ -9,7 +9,7 @@ pub use base::reader::{of_json, of_toml};
 pub use dynamics::contact::force::force as contact_force;
 pub use dynamics::integrate::{Grid, step};
 pub use rl::checkpoint::store::{check_removable, remove_checkpoints};
-pub use rl::ending::{Left, ask as ask_to_end, wait as wait_to_end};
+pub use rl::ending::{RunLeft, ask as ask_to_end, wait as wait_to_end};
 pub use rl::policy::ROWS;
 pub use rl::search::read_search;
 pub use rl::shards::{Shard, shards};

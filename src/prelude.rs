@@ -14,33 +14,19 @@
 //! [`error::Result`](base::error::Result) is not among them: it would hide the standard one.
 
 #[doc(no_inline)]
-#[doc(no_inline)]
-#[doc(no_inline)]
 pub use autodiff::{Array, Rollout, Scalar, System, Trace, TraceMask, certify, linearise, safe};
 #[doc(no_inline)]
-#[doc(no_inline)]
-#[doc(no_inline)]
 pub use base::parallel::Threads;
-#[doc(no_inline)]
-#[doc(no_inline)]
 #[doc(no_inline)]
 pub use controllers::{
     ClosedLoop, ControlLaw, Controller, Flight, FlightPlan, LawController, LawInput, Measurement, Rates, Reference,
     Target, fly, fly_vehicle,
 };
 #[doc(no_inline)]
-#[doc(no_inline)]
-#[doc(no_inline)]
 pub use dynamics::{Disturbance, Multirotor, Physics, Plant, Vehicle, World, configurations, vehicles};
-#[doc(no_inline)]
-#[doc(no_inline)]
 #[doc(no_inline)]
 pub use rl::{Learner, Policy, TrainConfig, Trainer, load_policy};
 #[doc(no_inline)]
-#[doc(no_inline)]
-#[doc(no_inline)]
 pub use rng::Stream;
-#[doc(no_inline)]
-#[doc(no_inline)]
 #[doc(no_inline)]
 pub use tasks::{Buffers, Ends, Env, EnvConfig, Robot, SingleEnv, Start, Task, View, Writer};

@@ -4,7 +4,7 @@
 //! least time of each way counts, so that a slow spell meets both. A kernel that loses a fifth of the ratio that was
 //! measured beside it fails.
 
-use autodiff::lanes::{Set, to_columns, to_rows, with_set};
+use autodiff::lanes::{InstructionSet, to_columns, to_rows, with_set};
 use autodiff::program::BLOCK;
 use autodiff::{Program, Recording, System};
 use dynamics::{Effects, Multirotor, Physics, vehicles};
@@ -50,7 +50,7 @@ pub(crate) fn keeps(name: &str, measured: &Measured, mut work: impl FnMut()) {
         println!("{name}: not run: ratios were measured on a processor of kind {MEASURED_ON:?}");
         return;
     }
-    let sets = [(Set::Avx512, measured.avx512), (Set::Avx2, measured.avx2)];
+    let sets = [(InstructionSet::Avx512, measured.avx512), (InstructionSet::Avx2, measured.avx2)];
     for (set, measured) in sets {
         if !set.is_here() {
             println!("{name}: not run with {set:?}, which this machine does not have");
@@ -60,7 +60,7 @@ pub(crate) fn keeps(name: &str, measured: &Measured, mut work: impl FnMut()) {
             let (mut slow, mut fast) = (f64::INFINITY, f64::INFINITY);
             for _ in 0..ATTEMPTS {
                 for _ in 0..ROUNDS {
-                    slow = slow.min(with_set(Set::OneLane, || time(&mut work)));
+                    slow = slow.min(with_set(InstructionSet::OneLane, || time(&mut work)));
                     fast = fast.min(deeper(deep, &mut || with_set(set, || time(&mut work))));
                 }
                 if slow / fast >= LEFT * measured {

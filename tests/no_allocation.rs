@@ -240,7 +240,7 @@ fn sensors_read_without_allocating() {
                 sensors.read(&state, &state);
             }
         });
-        assert_eq!(count, 0, "Aboard::read on {}", plant.name());
+        assert_eq!(count, 0, "OnboardSensors::read on {}", plant.name());
     }
 }
 

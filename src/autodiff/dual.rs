@@ -5,7 +5,7 @@
 //! larger than about six directions, because wide duals do not stay in registers.
 //!
 //! Real parts follow the same operations in the same order as plain `f64`, so values agree bit for bit, with one
-//! exception: num-dual divides by multiplying with the reciprocal. Kernels of this crate therefore write
+//! exception: num-dual divides by multiplying with the reciprocal. Kernels therefore write
 //! `a * b.recip()`, never `a / b`.
 
 use super::custom::{Operation, Scratch, forward, unknown};

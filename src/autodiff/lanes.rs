@@ -223,13 +223,13 @@ pub fn lane_width() -> usize {
 
 /// Instruction sets that bits and speeds are compared of.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Set {
+pub enum InstructionSet {
     Avx512,
     Avx2,
     OneLane,
 }
 
-impl Set {
+impl InstructionSet {
     fn arch(self) -> Option<pulp::Arch> {
         match self {
             #[cfg(target_arch = "x86_64")]
@@ -249,11 +249,16 @@ impl Set {
 }
 
 /// Does `work` with all that it dispatches on this thread in one instruction set, the widest if this processor has not got it.
-pub fn with_set<T>(set: Set, work: impl FnOnce() -> T) -> T {
-    CHOSEN.set(set.arch());
-    let result = work();
-    CHOSEN.set(None);
-    result
+pub fn with_set<T>(set: InstructionSet, work: impl FnOnce() -> T) -> T {
+    /// Gives the choice back, after a panic too.
+    struct Before(Option<pulp::Arch>);
+    impl Drop for Before {
+        fn drop(&mut self) {
+            CHOSEN.set(self.0);
+        }
+    }
+    let _before = Before(CHOSEN.replace(set.arch()));
+    work()
 }
 
 /// Runs `kernel` once with every instruction set that this processor has, widest first.

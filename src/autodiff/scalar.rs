@@ -1,4 +1,4 @@
-//! The number under every equation of this crate.
+//! The number under every equation of the library.
 //!
 //! Physics, controllers and rewards are written once over [`Scalar`] and evaluated as plain floats, as dual numbers
 //! (derivatives), as SIMD lanes (one environment per lane) or as a recording ([`Trace`](super::Trace)) from which the

@@ -497,7 +497,7 @@ impl Kernel for Columns<'_> {
 mod tests {
     use super::*;
     use crate::example::Quadrotor;
-    use crate::lanes::{Set, with_set};
+    use crate::lanes::{InstructionSet, with_set};
     use crate::{Scalar, System, Trace};
 
     const PRICES: [EdgeCost; 3] = [
@@ -594,7 +594,10 @@ mod tests {
             let sweep = Sweep::of(&recording, 0..n + m, price).unwrap().unwrap();
             counts.push((sweep.values.len(), sweep.sums.len()));
             let mut bits = Vec::new();
-            for set in [Set::Avx512, Set::Avx2, Set::OneLane].into_iter().filter(|set| set.is_here()) {
+            for set in [InstructionSet::Avx512, InstructionSet::Avx2, InstructionSet::OneLane]
+                .into_iter()
+                .filter(|set| set.is_here())
+            {
                 with_set(set, || {
                     let mut own = vec![f64::NAN; n * (n + m)];
                     let mut scratch = sweep.rows_by(false);

@@ -1,7 +1,7 @@
 //! Loops over the components of a vector, written out.
 //!
 //! A kernel has thousands of loops over three or four components. The compiler unrolls them all, but analyses each as a
-//! loop first, in functions of tens of thousands of instructions: more than half of the time that this crate took to
+//! loop first, in functions of tens of thousands of instructions: more than half of the time that the library took to
 //! compile, and once more a tenth where series were left as loops. Numbers that live in such an array stay in registers
 //! only once it is unrolled, too.
 

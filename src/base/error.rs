@@ -1,8 +1,8 @@
-//! The one error type of the crate. Every message names the value, the limit it broke and the remedy.
+//! The one error type of the library. Every message names the value, the limit it broke and the remedy.
 
 use std::path::{Path, PathBuf};
 
-/// `std::result::Result` with this crate's [`Error`].
+/// `std::result::Result` with the library's [`Error`].
 pub type Result<T> = std::result::Result<T, Error>;
 
 /// What can go wrong with data: files, configurations, sizes, names.

@@ -137,14 +137,14 @@ impl Vehicle {
 }
 
 /// The decomposed rows of one choice of axes.
-pub struct Rows {
+pub struct AuthorityRows {
     pub axes: Vec<Axis>,
     pub svd: SVD<f64, nalgebra::Dyn, nalgebra::Dyn>,
     /// What each row was divided by.
     pub scale: DVector<f64>,
 }
 
-impl Rows {
+impl AuthorityRows {
     /// Of a geometry of 6 × n, moments divided by `length`.
     pub fn new(geometry: &DMatrix<f64>, axes: &[Axis], length: f64) -> Self {
         let scale = DVector::from_fn(axes.len(), |i, _| if axes[i].is_moment() { length } else { 1.0 });
@@ -216,13 +216,13 @@ pub fn characteristic_length(geometry: &DMatrix<f64>) -> f64 {
 }
 
 /// Chooses the rows to allocate: all six where the vehicle is well able to hold them, else thrust and moments.
-pub fn decompose(vehicle: &Vehicle) -> (Rows, Authority) {
+pub fn decompose(vehicle: &Vehicle) -> (AuthorityRows, Authority) {
     let geometry = vehicle.allocation_matrix();
     let length = characteristic_length(&geometry);
-    let six = Rows::new(&geometry, &Axis::ALL, length);
+    let six = AuthorityRows::new(&geometry, &Axis::ALL, length);
     let full_rank = six.rank();
     let full = six.smallest() > FULL_TOLERANCE * six.largest();
-    let rows = if full { six } else { Rows::new(&geometry, &Axis::STEERED, length) };
+    let rows = if full { six } else { AuthorityRows::new(&geometry, &Axis::STEERED, length) };
     let dropped: Vec<Axis> = rows.dropped().into_iter().filter(|axis| Axis::STEERED.contains(axis)).collect();
     let authority = Authority {
         full_rank,

@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 pub const MAX_ROTORS: usize = 16;
 /// Most parts of one vehicle.
 pub(crate) const MAX_PARTS: usize = 512;
-/// Standard gravity of this crate's defaults, m/s².
+/// Standard gravity of the library's defaults, m/s².
 pub const GRAVITY: f64 = 9.81;
 
 /// Symmetric inertia tensor about a body's own centre of mass, kg m², along the axes of the frame it is given in.

@@ -26,7 +26,7 @@ mod tests;
 pub use config::{ActorCriticConfig, Exploration};
 pub use kind::{Kind, Noise};
 
-use super::experience::{Block, Experience, Explore, Flown, Streams};
+use super::experience::{Experience, Explore, Flown, ReplayBlock, Streams};
 use super::learner::{Update, share_done};
 use super::nn::elementwise::approach;
 use super::nn::{Memory, Network, Pass, Scratch};
@@ -358,7 +358,7 @@ fn live(weight: f32) -> f32 {
 
 /// −∂minᵢ Qᵢ/∂(action of one agent of every row), where the others do what they did; gives Σ minᵢ Qᵢ.
 fn q_gradient(
-    (block, actions, agent): (&Block, &[f32], usize),
+    (block, actions, agent): (&ReplayBlock, &[f32], usize),
     shapes: &Shapes,
     critics: &[NetWithTarget],
     (memory, scratch): (&mut Memory, &mut Scratch),

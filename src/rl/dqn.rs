@@ -26,7 +26,7 @@ mod values;
 
 pub use config::{DqnConfig, ValueMixer};
 
-use super::experience::{Block, Experience, Explore, Flown, Streams};
+use super::experience::{Experience, Explore, Flown, ReplayBlock, Streams};
 use super::learner::{Update, share_done};
 use super::nn::{Memory, Mlp, Network, Output, Pass};
 use super::policy::Actor;
@@ -280,7 +280,7 @@ impl Work {
     }
 }
 
-impl Block {
+impl ReplayBlock {
     /// What agent `k` of the block did.
     fn done(&self, k: usize, shapes: &Shapes) -> &[f32] {
         &self.action[k * shapes.widths.n_action..][..shapes.branches[k % self.agents]]

@@ -8,7 +8,7 @@ use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
 /// What became of a run.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Left {
+pub enum RunLeft {
     /// In this folder, with so many updates.
     Saved(PathBuf, u64),
     /// It is kept nowhere, or could not be saved: why.
@@ -19,7 +19,7 @@ pub enum Left {
 #[derive(Debug)]
 struct State {
     at_work: usize,
-    left: Vec<Left>,
+    left: Vec<RunLeft>,
 }
 
 static ASKED: AtomicBool = AtomicBool::new(false);
@@ -37,7 +37,7 @@ pub fn ask() -> usize {
 }
 
 /// Waits until no run is at work; what became of them.
-pub fn wait() -> Vec<Left> {
+pub fn wait() -> Vec<RunLeft> {
     let mut state = state();
     while state.at_work > 0 {
         state = CHANGED.wait(state).unwrap_or_else(PoisonError::into_inner);
@@ -60,7 +60,7 @@ impl AtWork {
     }
 
     /// Tells what became of the run, and rests for ever.
-    pub(crate) fn rest(self, left: Left) -> ! {
+    pub(crate) fn rest(self, left: RunLeft) -> ! {
         state().left.push(left);
         drop(self);
         loop {

@@ -1,6 +1,6 @@
 //! Environments that are flown on, and the steps of theirs that are kept: what off-policy algorithms have in common.
 //!
-//! A [`Block`] is a fixed number of rows drawn from what is kept. Blocks have streams of their own and are gathered, valued and
+//! A [`ReplayBlock`] is a fixed number of rows drawn from what is kept. Blocks have streams of their own and are gathered, valued and
 //! differentiated by one thread each, so that results are the same bits for any number of threads.
 
 use super::checkpoint::Tensors;
@@ -8,7 +8,7 @@ use super::learner::Episodes;
 use super::nn::{Memory, Network};
 use super::policy::ROWS;
 use super::priorities::{MOST, Priorities};
-use super::replay::{Code, ReplayConfig, Ring, Widths};
+use super::replay::{ReplayCode, ReplayConfig, Ring, Widths};
 use super::shards::{Shard, begin_statistics, episodes, pending, set_difficulty};
 use super::state;
 use base::error::{Error, Result};
@@ -95,7 +95,7 @@ impl Experience {
     /// Of these shards, flown by a network like `actor`; `discount` is γ of what paths add up.
     ///
     /// # Errors
-    /// As [`Code::of`].
+    /// As [`ReplayCode::of`].
     pub fn new(
         shards: Vec<Shard>,
         actor: &dyn Network,
@@ -106,7 +106,7 @@ impl Experience {
         let slots = config.slots(n_env);
         let spec = shards[0].env.spec();
         let (space, seed) = (spec.action.clone(), spec.config.seed);
-        let code = Code::of(spec, config.images)?;
+        let code = ReplayCode::of(spec, config.images)?;
         let worker = |shard: Shard| {
             let n_env = shard.env.spec().n_env;
             let mut ring = Ring::new(widths, code.clone(), n_env, slots);
@@ -201,7 +201,7 @@ impl Experience {
     }
 
     /// Draws all rows of `block`, number `number` of gradient step `step`; `progress` is that of the run.
-    pub fn gather(&self, block: &mut Block, (step, number): (u64, usize), progress: f64) {
+    pub fn gather(&self, block: &mut ReplayBlock, (step, number): (u64, usize), progress: f64) {
         let mut stream = Stream::new(self.seed, 1 + number as u64, step, Purpose::LEARNING);
         block.left_out = 0;
         for k in 0..block.rows {
@@ -211,7 +211,7 @@ impl Experience {
     }
 
     /// Rows of a block that has one row per environment or one per agent.
-    fn draw(&self, block: &mut Block, k: usize, stream: &mut Stream, progress: f64) {
+    fn draw(&self, block: &mut ReplayBlock, k: usize, stream: &mut Stream, progress: f64) {
         let (w, len) = (self.widths, self.workers[0].ring.kept());
         let per_env = if block.team { 1 } else { w.n_agent };
         let n = len * self.n_env * per_env;
@@ -238,7 +238,7 @@ impl Experience {
     }
 
     /// How surprising the rows of blocks were.
-    pub fn rank<'a>(&mut self, blocks: impl Iterator<Item = &'a Block>) {
+    pub fn rank<'a>(&mut self, blocks: impl Iterator<Item = &'a ReplayBlock>) {
         let Some(priorities) = &mut self.priorities else { return };
         for block in blocks {
             for (id, error) in block.ids.iter().zip(&block.error) {
@@ -455,7 +455,7 @@ fn evenly(space: &Space, stream: &mut Stream) -> f32 {
 }
 
 /// Rows that are learnt from together.
-pub struct Block {
+pub struct ReplayBlock {
     /// How many.
     pub rows: usize,
     /// Whether a row is an environment with all its agents, or one agent.
@@ -490,7 +490,7 @@ pub struct Block {
     rewards: Vec<f32>,
 }
 
-impl Block {
+impl ReplayBlock {
     /// Blocks of up to [`ROWS`] rows each, `rows` in all; with `team`, a row is an environment.
     pub fn cut(widths: Widths, rows: usize, team: bool) -> Vec<Self> {
         let agents = if team { widths.n_agent } else { 1 };

@@ -73,7 +73,7 @@ pub trait Algorithm: Plain + Send + Sync {
     }
 }
 
-/// An [`Algorithm`] of this crate: its name, settings (with `validate`, `updates` and `network`) and learner (with `with`),
+/// A built-in [`Algorithm`]: its name, settings (with `validate`, `updates` and `network`) and learner (with `with`),
 /// whether its policy's outputs pass tanh, what its loss is, the file of the settings, the shape of its policy where that is not
 /// one without memory that agents share; then what it does otherwise.
 macro_rules! built_in {

@@ -132,17 +132,19 @@ pub(crate) mod window;
 mod window_run;
 
 pub use algorithm::Algorithm;
+pub use checkpoint::{SkippedCheckpoint, Tensors};
 pub use config::{Checkpoints, Evaluate, TrainConfig};
 pub use config_diff::ConfigDifference;
 pub use curriculum::{Curriculum, GoodEpisode};
 pub use evaluate::{Starts, eval_env, evaluate};
 pub use learner::{Episodes, Learner, Progress, Update};
-pub use policy::Policy;
+pub use nn::{Activation, AdamConfig, Encoder, Layers, Recurrence};
+pub use policy::{Actor, Policy};
 pub use policy_controller::PolicyController;
-pub use policy_io::load_policy;
-pub use replay::ReplayConfig;
+pub use policy_io::{SavedPolicy, load_policy};
+pub use replay::{Precision, ReplayConfig};
 pub use schedule::Schedule;
-pub use trainer::{TrainResult, Trainer};
+pub use trainer::{RunProgress, TrainResult, Trainer, Watch};
 pub use warm_start::WarmStart;
 
 /// Examples of the documentation name things as users of `omnidrones` do.

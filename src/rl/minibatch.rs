@@ -51,12 +51,12 @@ pub fn fold<'a>(gradient: &mut [f32], parts: impl Iterator<Item = (&'a [f32], Su
 
 /// Memory for minibatches of one network.
 pub struct Minibatch {
-    parts: Vec<Part>,
+    parts: Vec<NamedTensor>,
     /// The last one's: of the network, then of `n_extra` parameters more.
     pub gradient: Vec<f32>,
 }
 
-struct Part {
+struct NamedTensor {
     memory: Memory,
     scratch: Scratch,
     x: Vec<f32>,
@@ -74,7 +74,7 @@ impl Minibatch {
         let n = mlp.n_parameter() + n_extra;
         let of_part = n + ROWS * (mlp.n_input() + mlp.n_output() + 2 * mlp.n_activation());
         within_memory("rows of a minibatch", rows, 4 * of_part as u128 * rows.div_ceil(PART) as u128, limit)?;
-        let part = || Part {
+        let part = || NamedTensor {
             memory: mlp.memory(ROWS),
             scratch: mlp.scratch(ROWS),
             x: vec![0.0; ROWS * mlp.n_input()],
@@ -106,7 +106,7 @@ impl Minibatch {
     }
 }
 
-impl Part {
+impl NamedTensor {
     fn block(&mut self, mlp: &dyn Network, net: Weights<'_>, x: &[f32], rows: &[u32], loss: &impl BlockLoss) {
         let (n_in, n_out, n) = (mlp.n_input(), mlp.n_output(), rows.len());
         for (to, row) in self.x.chunks_exact_mut(n_in).zip(rows) {

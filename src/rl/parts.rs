@@ -3,7 +3,7 @@
 //! | part | what |
 //! |---|---|
 //! | [`shards()`], [`Shard`] | a batch cut into parts that one thread steps |
-//! | [`Collector`], [`BehaviourPolicy`], [`Rollout`], [`Shape`], [`CriticSees`] | T steps of every environment under a stochastic policy, with their worth |
+//! | [`Collector`], [`BehaviourPolicy`], [`RolloutBatch`], [`RolloutShape`], [`CriticSees`] | T steps of every environment under a stochastic policy, with their worth |
 //! | [`advantages`], [`ValueNorm`] | GAE and λ-targets; their scale |
 //! | [`Critic`], [`Fit`] | a value function and a step of it |
 //! | [`Minibatch`], [`minibatch`], [`shuffle`] | the gradient of a loss over some rows; which rows |
@@ -18,7 +18,9 @@ pub use super::learner::Make;
 pub use super::minibatch::{BlockLoss, Minibatch, Sums, minibatch};
 pub use super::policy_optimiser::PolicyOptimiser;
 pub use super::recall::Recall;
-pub use super::rollout::{BehaviourPolicy, Collector, CriticSees, Rollout, RolloutPart, RolloutStats, Shape};
+pub use super::rollout::{
+    BehaviourPolicy, Collector, CriticSees, RolloutBatch, RolloutPart, RolloutShape, RolloutStats,
+};
 pub use super::sequences::{Sequence, Sequences, sequences};
 pub use super::shards::{Shard, episodes, normalise, shards};
 pub use super::value_norm::ValueNorm;

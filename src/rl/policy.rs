@@ -29,7 +29,7 @@ pub struct Actor {
 
 /// Up to [`ROWS`] rows that one set of parameters acts on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Block {
+pub struct PolicyBlock {
     /// Which set.
     pub set: usize,
     /// Its first row.
@@ -40,7 +40,7 @@ pub struct Block {
     pub rows: usize,
 }
 
-impl Block {
+impl PolicyBlock {
     /// Row `k` of the block among all.
     pub fn row(&self, k: usize) -> usize {
         self.first + k * self.stride
@@ -156,10 +156,10 @@ impl Actor {
     }
 
     /// All of `rows` rows `[environment, agent]`, block by block.
-    pub fn blocks(&self, rows: usize) -> impl Iterator<Item = Block> {
+    pub fn blocks(&self, rows: usize) -> impl Iterator<Item = PolicyBlock> {
         let (stride, of_set) = (self.n_set(), rows / self.n_set());
         let firsts = move |set| (0..of_set).step_by(ROWS).map(move |k| (set, k));
-        (0..stride).flat_map(firsts).map(move |(set, k)| Block {
+        (0..stride).flat_map(firsts).map(move |(set, k)| PolicyBlock {
             set,
             first: set + k * stride,
             stride,

@@ -38,7 +38,7 @@ use super::nn::gaussian::Gaussians;
 use super::nn::head::Head;
 use super::nn::{Adam, Output, Transposed, Weights, clip_norm};
 use super::policy::{Actor, ROWS};
-use super::rollout::{BehaviourPolicy, Collector, Rollout};
+use super::rollout::{BehaviourPolicy, Collector, RolloutBatch};
 use super::sequences::{Sequence, Sequences};
 use super::shards::normalise;
 use super::value_norm::ValueNorm;
@@ -66,7 +66,7 @@ pub struct Ppo {
     /// Of a team that learns one after the other.
     ratios: Option<Ratios>,
     collectors: Vec<Collector>,
-    rollout: Rollout,
+    rollout: RolloutBatch,
     /// A of every row of the actor, normalised.
     advantage: Vec<f32>,
     /// Rows of the actor and of the critic in which all is finite, and the order in which an epoch takes them.
@@ -89,8 +89,8 @@ impl Ppo {
     fn update(&mut self) -> Result<Update> {
         let begun = Instant::now();
         self.collect()?;
-        let collecting = begun.elapsed();
         self.estimate_advantages()?;
+        let collecting = begun.elapsed();
         let explained_variance = self.normalise_advantages();
         let metrics = self.optimise();
         let optimising = begun.elapsed() - collecting;
@@ -284,7 +284,7 @@ impl Ppo {
             clip: self.config.max_grad_norm,
             huber: self.config.huber as f32,
         };
-        let Rollout { target, .. } = &self.rollout;
+        let RolloutBatch { target, .. } = &self.rollout;
         metrics.critic_loss += self.critic.fit(&self.threads, self.rollout.critic_input(), target, chosen, fit);
         metrics.critic_time += begun.elapsed();
         metrics.critic_steps += if chosen.is_empty() { 0.0 } else { 1.0 };
@@ -308,7 +308,7 @@ struct ActorLoss<'a> {
     /// Of continuous actions.
     gaussians: Option<&'a Gaussians>,
     extra: &'a [f32],
-    rollout: &'a Rollout,
+    rollout: &'a RolloutBatch,
     advantage: &'a [f32],
     clip_epsilon: f64,
     /// β.

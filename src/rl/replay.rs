@@ -12,7 +12,7 @@ use super::schedule::Schedule;
 use super::shards::within_memory;
 use base::defaults::with_defaults;
 use base::error::{Error, Result};
-pub use seen::{Code, Precision, Seen};
+pub use seen::{Precision, ReplayCode, Seen};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use tasks::{Buffers, Spec};
@@ -101,7 +101,7 @@ impl ReplayConfig {
     /// Whether the rings of `n` shards like the one of `spec` fit, twice: a checkpoint is made of a copy.
     ///
     /// # Errors
-    /// [`Error::Limit`] if they do not; as [`Code::of`].
+    /// [`Error::Limit`] if they do not; as [`ReplayCode::of`].
     pub fn fits(&self, spec: &Spec, n: usize, central: bool) -> Result<()> {
         let rows = self.slots(spec.n_env * n) as u128 * (spec.n_env * n) as u128;
         let widths = Widths::of(spec, central);
@@ -109,7 +109,7 @@ impl ReplayConfig {
         let lasts =
             4 * (widths.seen() + widths.n_state) as u128 * (rows / spec.horizon.max(1) as u128 + spec.n_env as u128);
         let tree = if self.priority > 0.0 { 32 * widths.n_agent as u128 * rows } else { 0 };
-        let bytes = 2 * (widths.bytes(&Code::of(spec, self.images)?) * rows + lasts) + tree;
+        let bytes = 2 * (widths.bytes(&ReplayCode::of(spec, self.images)?) * rows + lasts) + tree;
         within_memory("replay.capacity", self.capacity, bytes, spec.config.memory_limit)
     }
 }
@@ -149,7 +149,7 @@ impl Widths {
     }
 
     /// Bytes of one environment's step.
-    fn bytes(&self, code: &Code) -> u128 {
+    fn bytes(&self, code: &ReplayCode) -> u128 {
         (self.n_agent * code.bytes() + 4 * (self.done() + self.n_state + self.n_agent) + 5) as u128
     }
 }
@@ -210,7 +210,7 @@ pub enum Next {
 
 impl Ring {
     /// For `n_env` environments and `slots` steps, one of which is the one that is being flown.
-    pub fn new(widths: Widths, code: Code, n_env: usize, slots: usize) -> Self {
+    pub fn new(widths: Widths, code: ReplayCode, n_env: usize, slots: usize) -> Self {
         let rows = slots * n_env;
         Self {
             observation: Seen::new(code, rows * widths.n_agent),

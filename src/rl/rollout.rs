@@ -25,7 +25,7 @@ use tasks::{Spec, StepOut};
 
 /// Widths of all rows.
 #[derive(Debug, Clone, Copy)]
-pub struct Shape {
+pub struct RolloutShape {
     /// T.
     pub steps: usize,
     /// A.
@@ -53,7 +53,7 @@ pub struct CriticSees {
     pub privileged: bool,
 }
 
-impl Shape {
+impl RolloutShape {
     /// For rollouts of `steps` steps.
     pub fn new(spec: &Spec, steps: usize, sees: CriticSees) -> Self {
         let central = sees.central && spec.n_central > 0;
@@ -124,9 +124,9 @@ impl Shape {
 }
 
 /// The rows of all shards.
-pub struct Rollout {
+pub struct RolloutBatch {
     /// Widths of the rows.
-    pub shape: Shape,
+    pub shape: RolloutShape,
     /// One per agent.
     pub observation: Vec<f32>,
     /// One per agent, as drawn.
@@ -158,40 +158,40 @@ pub struct Rollout {
 /// The rows of one shard.
 pub struct RolloutPart<'a> {
     /// Widths of the rows.
-    pub shape: Shape,
+    pub shape: RolloutShape,
     /// Environments of the shard.
     pub n_env: usize,
-    /// As [`Rollout::observation`].
+    /// As [`RolloutBatch::observation`].
     pub observation: &'a mut [f32],
-    /// As [`Rollout::action`].
+    /// As [`RolloutBatch::action`].
     pub action: &'a mut [f32],
-    /// As [`Rollout::log_prob`].
+    /// As [`RolloutBatch::log_prob`].
     pub log_prob: &'a mut [f32],
-    /// As [`Rollout::state`].
+    /// As [`RolloutBatch::state`].
     pub state: &'a mut [f32],
-    /// As [`Rollout::begins`].
+    /// As [`RolloutBatch::begins`].
     pub begins: &'a mut [u8],
-    /// As [`Rollout::apart`].
+    /// As [`RolloutBatch::apart`].
     pub apart: &'a mut [f32],
-    /// As [`Rollout::reward`].
+    /// As [`RolloutBatch::reward`].
     pub reward: &'a mut [f32],
-    /// As [`Rollout::value`].
+    /// As [`RolloutBatch::value`].
     pub value: &'a mut [f32],
-    /// As [`Rollout::next_value`].
+    /// As [`RolloutBatch::next_value`].
     pub next_value: &'a mut [f32],
-    /// As [`Rollout::advantage`].
+    /// As [`RolloutBatch::advantage`].
     pub advantage: &'a mut [f32],
-    /// As [`Rollout::target`].
+    /// As [`RolloutBatch::target`].
     pub target: &'a mut [f32],
-    /// As [`Rollout::terminated`].
+    /// As [`RolloutBatch::terminated`].
     pub terminated: &'a mut [u8],
-    /// As [`Rollout::truncated`].
+    /// As [`RolloutBatch::truncated`].
     pub truncated: &'a mut [u8],
 }
 
-impl Rollout {
+impl RolloutBatch {
     /// Empty rows of `n_env` environments.
-    pub fn new(shape: Shape, n_env: usize) -> Self {
+    pub fn new(shape: RolloutShape, n_env: usize) -> Self {
         let slots = n_env * (shape.steps + 1);
         let (rows, critic_rows) = (slots * shape.n_agent, slots * shape.n_value);
         Self {

@@ -5,7 +5,7 @@
 
 use super::config::TrainConfig;
 use super::predecessor::predecessor_config;
-use super::trainer::{Progress, TrainResult, Trainer};
+use super::trainer::{RunProgress, TrainResult, Trainer};
 use base::error::Result;
 use base::file_gate;
 use base::parallel::Threads;
@@ -33,7 +33,7 @@ pub struct Run {
 pub fn train(
     runs: &[Run],
     threads: &Threads,
-    watch: &(dyn Fn(usize, &Progress<'_>) + Sync),
+    watch: &(dyn Fn(usize, &RunProgress<'_>) + Sync),
 ) -> Vec<Result<TrainResult>> {
     let side_by_side = threads.count().min(runs.len()).max(1);
     let each = Threads::new(threads.count() / side_by_side);
@@ -55,7 +55,7 @@ pub fn train(
     results.into_iter().filter_map(|slot| slot.into_inner().unwrap_or_else(PoisonError::into_inner)).collect()
 }
 
-fn one(run: &Run, threads: Threads, watch: &mut dyn FnMut(&Progress<'_>)) -> Result<TrainResult> {
+fn one(run: &Run, threads: Threads, watch: &mut dyn FnMut(&RunProgress<'_>)) -> Result<TrainResult> {
     file_gate::own_folder(&run.folder)?;
     let mut trainer = Trainer::new(&run.config.task, run.config.clone(), threads)?.in_folder(&run.folder, true)?;
     trainer.run_until(run.until, &mut |progress| {

@@ -11,7 +11,7 @@
 
 use super::config::TrainConfig;
 use super::runs::{self, Run};
-use super::trainer::{Progress, TrainResult, is_run};
+use super::trainer::{RunProgress, TrainResult, is_run};
 use base::error::{Error, Result};
 use base::file_gate;
 use base::parallel::Threads;
@@ -126,7 +126,7 @@ impl Search {
         &self,
         folder: &Path,
         threads: &Threads,
-        watch: &(dyn Fn(usize, u64, &Progress<'_>) + Sync),
+        watch: &(dyn Fn(usize, u64, &RunProgress<'_>) + Sync),
     ) -> Result<SearchResult> {
         self.check_asked()?;
         for (name, _) in &self.candidates {
@@ -174,7 +174,7 @@ impl Search {
         alive: &[usize],
         folder: &Path,
         threads: &Threads,
-        watch: &(dyn Fn(usize, u64, &Progress<'_>) + Sync),
+        watch: &(dyn Fn(usize, u64, &RunProgress<'_>) + Sync),
     ) -> (Vec<Trial>, Vec<(usize, u64, String)>) {
         let pairs: Vec<(usize, u64)> = alive.iter().flat_map(|c| self.seeds.iter().map(|seed| (*c, *seed))).collect();
         let run = |(candidate, seed): &(usize, u64)| {

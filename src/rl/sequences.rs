@@ -9,7 +9,7 @@
 use super::minibatch::{BlockLoss, Sums, fold};
 use super::nn::{Memory, Network, Output, Pass, Scratch, Weights};
 use super::policy::ROWS;
-use super::rollout::{Rollout, Shape};
+use super::rollout::{RolloutBatch, RolloutShape};
 use super::shards::within_memory;
 use base::error::Result;
 use base::parallel::Threads;
@@ -38,7 +38,7 @@ impl Sequence {
 }
 
 /// All sequences of up to `window` steps in rollouts of shards with so many environments each.
-pub fn sequences(shape: Shape, n_env: impl Iterator<Item = usize>, window: usize) -> Vec<Sequence> {
+pub fn sequences(shape: RolloutShape, n_env: impl Iterator<Item = usize>, window: usize) -> Vec<Sequence> {
     let (mut all, mut base) = (Vec::new(), 0);
     for n_env in n_env {
         let rows = n_env * shape.n_agent;
@@ -55,14 +55,14 @@ pub fn sequences(shape: Shape, n_env: impl Iterator<Item = usize>, window: usize
 
 /// Memory for minibatches of sequences of one network.
 pub struct Sequences {
-    parts: Vec<Part>,
+    parts: Vec<NamedTensor>,
     window: usize,
     /// The last one's: of the network, then of `n_extra` parameters more.
     pub gradient: Vec<f32>,
 }
 
 /// Up to [`ROWS`] sequences on one thread.
-struct Part {
+struct NamedTensor {
     /// Of every step.
     memory: Vec<Memory>,
     scratch: Scratch,
@@ -101,7 +101,7 @@ impl Sequences {
         let of_part = (n_gradient + window * of_step + ROWS * 2 * mlp.n_activation()) as u128;
         within_memory("sequences of a minibatch", n, 4 * of_part * n.div_ceil(ROWS) as u128, limit)?;
         let each = |n: usize| vec![vec![0.0; n]; window];
-        let part = || Part {
+        let part = || NamedTensor {
             memory: (0..window).map(|_| mlp.memory(ROWS)).collect(),
             scratch: mlp.scratch(ROWS),
             x: each(ROWS * mlp.n_input()),
@@ -127,7 +127,7 @@ impl Sequences {
         threads: &Threads,
         mlp: &dyn Network,
         net: Weights<'_>,
-        rollout: &Rollout,
+        rollout: &RolloutBatch,
         chosen: &[Sequence],
         counts: &(dyn Fn(usize) -> bool + Sync),
         loss: &impl BlockLoss,
@@ -150,14 +150,14 @@ impl Sequences {
     }
 }
 
-impl Part {
+impl NamedTensor {
     /// One step of all sequences, and the loss of the rows that count.
     #[expect(clippy::too_many_arguments, reason = "those of Sequences::gradient, and the step")]
     fn forward(
         &mut self,
         mlp: &dyn Network,
         net: Weights<'_>,
-        rollout: &Rollout,
+        rollout: &RolloutBatch,
         own: &[Sequence],
         step: usize,
         counts: &(dyn Fn(usize) -> bool + Sync),
@@ -214,7 +214,7 @@ impl Part {
         &mut self,
         mlp: &dyn Network,
         net: Weights<'_>,
-        rollout: &Rollout,
+        rollout: &RolloutBatch,
         own: &[Sequence],
         (step, is_last): (usize, bool),
     ) {
@@ -242,7 +242,7 @@ mod tests {
     use crate::nn::{Activation, Join, Layers, Mlp, Stack, Transposed};
     use rng::{Purpose, Stream};
 
-    const SHAPE: Shape = Shape {
+    const SHAPE: RolloutShape = RolloutShape {
         steps: 7,
         n_agent: 2,
         n_value: 2,
@@ -264,8 +264,8 @@ mod tests {
     }
 
     /// What was seen, with an episode that begins within a window and one at the start of one.
-    fn rollout() -> Rollout {
-        let mut rollout = Rollout::new(SHAPE, 5);
+    fn rollout() -> RolloutBatch {
+        let mut rollout = RolloutBatch::new(SHAPE, 5);
         rollout.observation = draw(rollout.observation.len(), 1);
         rollout.action = draw(rollout.action.len(), 2);
         rollout.state = draw(rollout.state.len(), 3);
@@ -278,7 +278,12 @@ mod tests {
     }
 
     /// Σ ½‖y − a‖² over the rows that count, and its gradient.
-    fn learn(rollout: &Rollout, p: &[f32], threads: usize, counts: &(dyn Fn(usize) -> bool + Sync)) -> (f64, Vec<f32>) {
+    fn learn(
+        rollout: &RolloutBatch,
+        p: &[f32],
+        threads: usize,
+        counts: &(dyn Fn(usize) -> bool + Sync),
+    ) -> (f64, Vec<f32>) {
         let net = network();
         let all = sequences(SHAPE, [3, 2].into_iter(), 4);
         let mut own = Sequences::new(&net, 2, 0, (all.len(), 4), 1 << 30).unwrap();
@@ -297,7 +302,7 @@ mod tests {
     }
 
     /// The same sum in `f64`, step by step by the formulas of the unit, from named tensors.
-    fn exact(rollout: &Rollout, parts: &[(String, Vec<f64>)]) -> f64 {
+    fn exact(rollout: &RolloutBatch, parts: &[(String, Vec<f64>)]) -> f64 {
         let of = |name: &str| &parts.iter().find(|part| part.0 == name).unwrap().1[..];
         let dot = |w: &[f64], o: usize, x: &[f64]| (0..x.len()).map(|i| w[o * x.len() + i] * x[i]).sum::<f64>();
         let layer = |l: usize, x: &[f64]| -> Vec<f64> {

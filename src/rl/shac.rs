@@ -305,9 +305,10 @@ impl Learner for Shac {
     }
 
     fn load(&mut self, policy: &Tensors, from: &Tensors) -> Result<()> {
-        self.run.load(policy, from)?;
         self.critic.load(from)?;
-        self.target_critic = state::network(from, "target", &self.critic.mlp)?;
+        let target_critic = state::network(from, "target", &self.critic.mlp)?;
+        self.run.load(policy, from)?;
+        self.target_critic = target_critic;
         Ok(())
     }
 }

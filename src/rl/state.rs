@@ -11,7 +11,7 @@ use base::error::{Error, Result};
 /// Most that a counter of a run can have come to: whole numbers that `f64` still counts.
 const MOST: u64 = 1 << 53;
 
-/// Beginnings of the names of what the learners of this crate keep.
+/// Beginnings of the names of what the built-in learners keep.
 const OURS: [&str; 10] = [
     "actor.",
     "critic.",

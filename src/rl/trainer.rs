@@ -23,11 +23,11 @@
 
 mod predecessor;
 
-use super::checkpoint::{Checkpoint, Manifest, SkippedCheckpoint, Store, Tensors, Writer, check_room};
+use super::checkpoint::{Checkpoint, CheckpointWriter, Manifest, SkippedCheckpoint, Store, Tensors, check_room};
 use super::config::TrainConfig;
 use super::config_diff::described;
 use super::curriculum::{Difficulty, GoodEpisode};
-use super::ending::{AtWork, Left};
+use super::ending::{AtWork, RunLeft};
 use super::evaluate::{Starts, evaluate};
 use super::learner::{Episodes, Learner, Update};
 use super::log::{Curve, Line, Log};
@@ -101,7 +101,7 @@ const EARLIER: &str = "earlier_steps";
 struct Files {
     folder: PathBuf,
     log: Log,
-    writer: Writer,
+    writer: CheckpointWriter,
     saved: Option<u64>,
     skipped: Vec<SkippedCheckpoint>,
     /// When the last checkpoint was made, or the run went on, and how long that took.
@@ -125,11 +125,11 @@ fn is_late(seconds: u64, ago: Duration, took: Duration) -> bool {
 }
 
 /// Sees every update, and may break behind it.
-pub type Watch<'a> = dyn FnMut(&Progress<'_>) -> ControlFlow<()> + 'a;
+pub type Watch<'a> = dyn FnMut(&RunProgress<'_>) -> ControlFlow<()> + 'a;
 
 /// How far a run is, after an update.
 #[derive(Debug)]
-pub struct Progress<'a> {
+pub struct RunProgress<'a> {
     /// What is trained: the run's own, or before it what it begins from.
     pub config: &'a TrainConfig,
     /// Updates done, repeated ones included.
@@ -270,7 +270,7 @@ impl Trainer {
         [policy, state].into_iter().try_for_each(|tensors| state::check_sense(tensors, &file))?;
         // who is done needs no teacher any more
         if self.config.algorithm.is_taught() && (1..self.config.updates()).contains(&manifest.update) {
-            let go_on = &mut |_: &Progress<'_>| ControlFlow::Continue(());
+            let go_on = &mut |_: &RunProgress<'_>| ControlFlow::Continue(());
             let from = predecessor(&self.config, Some(&folder.join(FROM)), &self.threads, go_on)?;
             self.teach(from)?;
         }
@@ -385,14 +385,14 @@ impl Trainer {
     }
 
     /// Saves before the process ends.
-    fn leave(&mut self) -> Left {
+    fn leave(&mut self) -> RunLeft {
         let Some(saved) = self.files.as_ref().map(|files| files.saved) else {
-            return Left::Lost(format!("a run of {} is kept nowhere", self.task));
+            return RunLeft::Lost(format!("a run of {} is kept nowhere", self.task));
         };
         let kept = if saved == Some(self.update) { Ok(()) } else { self.save() };
         match kept {
-            Ok(()) => Left::Saved(self.folder().map(Path::to_path_buf).unwrap_or_default(), self.update),
-            Err(error) => Left::Lost(error.to_string()),
+            Ok(()) => RunLeft::Saved(self.folder().map(Path::to_path_buf).unwrap_or_default(), self.update),
+            Err(error) => RunLeft::Lost(error.to_string()),
         }
     }
 
@@ -551,9 +551,9 @@ impl Trainer {
         Ok(())
     }
 
-    fn progress<'a>(&'a self, last: &'a Update) -> Progress<'a> {
+    fn progress<'a>(&'a self, last: &'a Update) -> RunProgress<'a> {
         let newest = self.curve.newest();
-        Progress {
+        RunProgress {
             config: &self.config,
             update: self.update,
             done: self.done(),

@@ -203,7 +203,7 @@ fn turned<const N: usize>(a: [u32; N], by: usize) -> [u32; N] {
 mod tests {
     use super::*;
     use crate::{Purpose, Stream};
-    use autodiff::lanes::{Set, with_set};
+    use autodiff::lanes::{InstructionSet, with_set};
     use rand_chacha::ChaCha8Rng;
     use rand_chacha::rand_core::{Rng, SeedableRng};
 
@@ -235,7 +235,10 @@ mod tests {
 
     #[test]
     fn blocks_abreast_are_those_of_the_crate_with_every_instruction_set() {
-        for set in [Set::Avx512, Set::Avx2, Set::OneLane].into_iter().filter(|set| set.is_here()) {
+        for set in [InstructionSet::Avx512, InstructionSet::Avx2, InstructionSet::OneLane]
+            .into_iter()
+            .filter(|set| set.is_here())
+        {
             for (case, n) in [1, 5, 8, 9, ABREAST].into_iter().enumerate() {
                 let (blocks, mut abreast) = (blocks(case as u64), WideChaCha::new());
                 blocks.iter().enumerate().for_each(|(lane, (key, number))| abreast.set(lane, *key, *number));
@@ -251,11 +254,14 @@ mod tests {
 
     #[test]
     fn four_blocks_are_those_of_the_crate_or_none() {
-        for set in [Set::Avx512, Set::Avx2, Set::OneLane].into_iter().filter(|set| set.is_here()) {
+        for set in [InstructionSet::Avx512, InstructionSet::Avx2, InstructionSet::OneLane]
+            .into_iter()
+            .filter(|set| set.is_here())
+        {
             for (case, n) in (0..20).zip((1..=4).cycle()) {
                 let blocks = blocks(case);
                 let words = with_set(set, || four(&blocks[..n]));
-                assert_eq!(words.is_some(), matches!(set, Set::Avx512), "{set:?}");
+                assert_eq!(words.is_some(), matches!(set, InstructionSet::Avx512), "{set:?}");
                 for (own, (key, number)) in words.iter().flatten().zip(&blocks[..n]) {
                     assert_eq!(*own, theirs(*key, *number), "{set:?} of {n}");
                 }

@@ -140,7 +140,6 @@ impl Stream {
     ///
     /// Always two draws and the sine partner is dropped: the position stays a function of how many numbers were drawn,
     /// and there is no cached half to save. |result| ≤ 8.6.
-    #[doc(hidden)]
     pub fn normal(&mut self) -> f64 {
         let (a, b) = (self.next_u64(), self.next_u64());
         normal(a, b)

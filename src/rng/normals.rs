@@ -120,13 +120,16 @@ fn pair(low: u32, high: u32) -> u64 {
 mod tests {
     use super::*;
     use crate::Stream;
-    use autodiff::lanes::{Set, with_set};
+    use autodiff::lanes::{InstructionSet, with_set};
 
     #[test]
     fn normals_of_many_streams_are_those_of_each_with_every_instruction_set() {
         // episodes, and positions of their own
         let stream = |i: usize| ([7, i as u64, 3 * i as u64, 1], (NORMAL_WORDS * (i * i) % 400) as u64);
-        for set in [Set::Avx512, Set::Avx2, Set::OneLane].into_iter().filter(|set| set.is_here()) {
+        for set in [InstructionSet::Avx512, InstructionSet::Avx2, InstructionSet::OneLane]
+            .into_iter()
+            .filter(|set| set.is_here())
+        {
             for (n, count) in [(1, 3), (1, 90), (3, 5), (8, 1), (16, 4), (23, 9), (64, 6)] {
                 let mut rows = vec![f64::NAN; n * count];
                 with_set(set, || normals(n, count, stream, |i, k, x| rows[i * count + k] = x));

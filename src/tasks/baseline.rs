@@ -1,4 +1,4 @@
-//! The controllers of this crate as policies: what learners have to beat.
+//! The controllers of the library as policies: what learners have to beat.
 //!
 //! Free drones are flown by a cascade each, all levels in every step; what is joined together by its
 //! [`default_controller`](controllers::registry::default_controller). All see the true state, the true masses of their episode (a free drone all its

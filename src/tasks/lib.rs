@@ -16,7 +16,7 @@
 //! | `env` | [`Env`]: many environments of one task; steps, restarts, gradients |
 //! | [`observation`] | [`ObservationTransform`]: history, noise, normalisation, privileged numbers, by name |
 //! | [`randomise`] | [`Randomisation`]: what differs between environments and episodes |
-//! | `baseline` | [`Baseline`]: the controllers of this crate as policies |
+//! | `baseline` | [`Baseline`]: the library's controllers as policies |
 //! | `evaluate`, `record` | how well a policy does, from fixed starts; step by step |
 //! | [`probe`] | tasks whose value is known in closed form |
 //!

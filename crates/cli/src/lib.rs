@@ -275,12 +275,12 @@ fn told_to_end() {
 }
 
 /// What became of a training, for whoever ended it.
-fn left(of: &internals::Left) -> String {
+fn left(of: &internals::RunLeft) -> String {
     match of {
-        internals::Left::Saved(folder, update) => {
+        internals::RunLeft::Saved(folder, update) => {
             format!("{} is saved at update {update}; --resume goes on from there", folder.display())
         }
-        internals::Left::Lost(why) => format!("nothing was saved: {why}"),
+        internals::RunLeft::Lost(why) => format!("nothing was saved: {why}"),
     }
 }
 

@@ -13,7 +13,7 @@ use omnidrones::layers::{self, Layer};
 use omnidrones::parallel::Threads;
 use omnidrones::rl::checkpoint::Manifest;
 use omnidrones::rl::policy_io::load_policy;
-use omnidrones::rl::trainer::{Progress, TrainResult, Trainer};
+use omnidrones::rl::trainer::{RunProgress, TrainResult, Trainer};
 use omnidrones::rl::{Starts, TrainConfig, checkpoint};
 use omnidrones::tasks::registry::{self, TaskEntry};
 use omnidrones::tasks::{EnvConfig, Evaluation, Metric, Spec};
@@ -339,7 +339,7 @@ fn train(trainer: &mut Trainer, quiet: bool) -> Result<TrainResult> {
 }
 
 /// `return 412 · success 98 % · 3.1 M steps/s · fly 36 % sweep 61 %`.
-fn message(p: &Progress<'_>, rate: f64) -> String {
+fn message(p: &RunProgress<'_>, rate: f64) -> String {
     let mut parts = Vec::new();
     if let Some(mean) = p.line.and_then(|(line, _)| line.get("return")) {
         parts.push(format!("return {}", short(mean, 3)));

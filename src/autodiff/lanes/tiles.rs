@@ -305,7 +305,7 @@ mod avx2 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lanes::{Set, with_set};
+    use crate::lanes::{InstructionSet, with_set};
 
     fn numbers(n: usize) -> Vec<f32> {
         (0..n).map(|k| (k % 8191) as f32).collect()
@@ -316,7 +316,7 @@ mod tests {
         for n_env in [1, 2, 3, 4, 5, 7, 8, 9, 31, 60, 62, 63, 64] {
             for width in [1, 2, 3, 4, 5, 6, 7, 8, 9, 14, 15, 16, 30, 67] {
                 let rows = numbers(n_env * width);
-                for set in [Set::Avx512, Set::OneLane] {
+                for set in [InstructionSet::Avx512, InstructionSet::OneLane] {
                     let (mut columns, mut back) = (vec![[-1.0; BLOCK]; width], vec![0.0; rows.len()]);
                     with_set(set, || {
                         to_columns(&rows, &mut columns);
@@ -340,7 +340,7 @@ mod tests {
         for mask in [0, 1, u64::MAX, 0x8000_0000_0000_0001, 0x0123_4567_89AB_CDEF] {
             let mut row = [0.0; BLOCK];
             row.iter_mut().enumerate().for_each(|(lane, x)| *x = ((mask >> lane) & 1) as f32);
-            for set in [Set::Avx512, Set::OneLane] {
+            for set in [InstructionSet::Avx512, InstructionSet::OneLane] {
                 assert_eq!(with_set(set, || ones(&row)), mask, "{set:?}");
             }
         }

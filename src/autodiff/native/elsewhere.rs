@@ -36,10 +36,10 @@ impl Code {
 pub struct PerProcess<T>(OnceLock<T>);
 
 impl<T: Default + Sync> PerProcess<T> {
-    pub(crate) const fn new() -> Self {
+    pub const fn new() -> Self {
         Self(OnceLock::new())
     }
-    pub(crate) fn get(&'static self) -> &'static T {
+    pub fn get(&'static self) -> &'static T {
         self.0.get_or_init(T::default)
     }
 }

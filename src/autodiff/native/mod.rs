@@ -45,7 +45,8 @@ mod elsewhere;
 #[cfg(not(all(target_arch = "x86_64", target_os = "linux", not(miri))))]
 use elsewhere as code;
 #[cfg(not(all(target_arch = "x86_64", target_os = "linux", not(miri))))]
-pub(crate) use elsewhere::{PerProcess, in_standard_modes};
+#[doc(hidden)]
+pub use elsewhere::{PerProcess, in_standard_modes};
 
 pub(crate) use code::Code;
 #[doc(hidden)]

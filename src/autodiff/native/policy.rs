@@ -45,9 +45,9 @@ impl Fallback {
 const FIXED: u64 = 50;
 
 /// Whether so many evaluations of so many instructions gain more than their code costs.
-pub(crate) fn pays(instead: Fallback, n_instruction: usize, n_evaluation: u64) -> bool {
+pub(crate) fn pays(fallback: Fallback, n_instruction: usize, n_evaluation: u64) -> bool {
     let n = n_instruction as u64;
-    n_evaluation.saturating_mul(n) >= instead.n_even().saturating_mul(n + FIXED)
+    n_evaluation.saturating_mul(n) >= fallback.n_even().saturating_mul(n + FIXED)
 }
 
 /// Machine code that is made when so many evaluations were asked for that it pays, once, for all threads.
@@ -79,7 +79,7 @@ impl<T: Clone> OnDemand<T> {
     #[doc(hidden)]
     pub fn ask(
         &self,
-        instead: Fallback,
+        fallback: Fallback,
         n_instruction: usize,
         n_evaluation: u64,
         make: impl FnOnce() -> Result<T, WhyInterpreted>,
@@ -87,7 +87,7 @@ impl<T: Clone> OnDemand<T> {
         let more = |asked: u64| Some(asked.saturating_add(n_evaluation));
         let before = self.asked.fetch_update(Relaxed, Relaxed, more).unwrap_or_default();
         let asked = before.saturating_add(n_evaluation);
-        if !pays(instead, n_instruction, asked) || super::availability().is_err() {
+        if !pays(fallback, n_instruction, asked) || super::availability().is_err() {
             return None;
         }
         // whoever comes while another thread makes it does without once more
@@ -105,12 +105,12 @@ mod tests {
 
     #[test]
     fn code_is_made_when_the_count_of_evaluations_says_so_and_then_once() {
-        for instead in [Fallback::Interpreted, Fallback::InterpretedBlock, Fallback::Compiled, Fallback::Swept] {
-            let even = instead.n_even();
+        for fallback in [Fallback::Interpreted, Fallback::InterpretedBlock, Fallback::Compiled, Fallback::Swept] {
+            let even = fallback.n_even();
             for n_instruction in [1, 50, 400, 1 << 20] {
                 let enough = even * (n_instruction as u64 + FIXED) / n_instruction as u64;
-                assert!(!pays(instead, n_instruction, enough - 1), "{instead:?}, {n_instruction}");
-                assert!(pays(instead, n_instruction, enough + 1), "{instead:?}, {n_instruction}");
+                assert!(!pays(fallback, n_instruction, enough - 1), "{fallback:?}, {n_instruction}");
+                assert!(pays(fallback, n_instruction, enough + 1), "{fallback:?}, {n_instruction}");
             }
         }
         let place = OnDemand::<u32>::default();

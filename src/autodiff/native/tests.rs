@@ -1,7 +1,7 @@
 use super::*;
 use crate::columns::{BLOCK, LINE};
 use crate::custom::{CustomFunction, Operation};
-use crate::lanes::{Set, with_set};
+use crate::lanes::{InstructionSet, with_set};
 use crate::program::{CallOf, Callee, Instruction, InstructionKind, Op, Program, Tape, Value, ValueForm};
 use rng::{Purpose, Stream};
 use std::sync::Arc;
@@ -305,7 +305,7 @@ fn random_programs_in_lanes_have_the_bits_of_the_interpreter() {
 
 #[test]
 fn random_programs_in_lanes_of_avx2_have_the_bits_of_the_interpreter() {
-    with_set(Set::Avx2, compare_all::<[f32; BLOCK]>);
+    with_set(InstructionSet::Avx2, compare_all::<[f32; BLOCK]>);
 }
 
 #[test]

@@ -3,7 +3,7 @@ use super::*;
 use crate::Mask;
 use crate::columns::LINE;
 use crate::jet::Jet;
-use crate::lanes::{Set, instruction_set, with_set};
+use crate::lanes::{InstructionSet, instruction_set, with_set};
 use nalgebra::Const;
 use num_dual::{Derivative, Dual64, DualSVec64, HyperDual64};
 use rng::{Purpose, Stream};
@@ -457,7 +457,7 @@ fn the_order_of_instructions_and_steps_side_by_side_change_no_bit() {
     for round in 0..50 {
         let mut draw = || if round > 25 { r.uniform(-3.0, 3.0) } else { special[r.below(6) as usize] };
         let points: Vec<[f64; LINE]> = (0..4).map(|_| std::array::from_fn(|_| draw())).collect();
-        for set in [Set::Avx512, Set::Avx2, Set::OneLane] {
+        for set in [InstructionSet::Avx512, InstructionSet::Avx2, InstructionSet::OneLane] {
             let mut slots = single.step_slots();
             with_set(set, || single.evaluate_steps(LINE, &mut slots, &points));
             for step in 0..LINE {
@@ -505,7 +505,9 @@ fn sums_of_blocks_are_the_operations_of_f32_to_the_bit() {
     for round in 0..50 {
         let mut draw = || if round > 25 { r.uniform(-3.0, 3.0) as f32 } else { special[r.below(6) as usize] };
         let z: [[f32; BLOCK]; 4] = std::array::from_fn(|_| std::array::from_fn(|_| draw()));
-        for (set, n) in [Set::Avx512, Set::Avx2, Set::OneLane].into_iter().zip([BLOCK, 17, BLOCK]) {
+        for (set, n) in
+            [InstructionSet::Avx512, InstructionSet::Avx2, InstructionSet::OneLane].into_iter().zip([BLOCK, 17, BLOCK])
+        {
             let mut got = [[0.0; BLOCK]; 9];
             let mut is_fused = false;
             for (program, row) in programs.iter().zip(got.chunks_mut(1)) {

@@ -20,7 +20,7 @@
 use super::problem::{Problem, WRENCH};
 use super::{Axis, characteristic_length};
 use base::error::{Error, Result};
-use dynamics::authority::Rows;
+use dynamics::authority::AuthorityRows;
 use std::fmt;
 
 /// Most choices of generators that are enumerated: 26 inputs in six rows, 85 in four.
@@ -233,7 +233,7 @@ impl WrenchMargin {
                 geometry.column_mut(j).fill(0.0);
             }
         }
-        let rows = Rows::new(&geometry, set.axes(), set.length());
+        let rows = AuthorityRows::new(&geometry, set.axes(), set.length());
         Ok(Self {
             axes: set.axes().to_vec(),
             length: set.length(),

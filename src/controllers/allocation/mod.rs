@@ -61,7 +61,7 @@ pub use function::AllocationFunction;
 pub use gradient::AllocationSensitivity;
 pub use null_space::NullSpaceAllocator;
 pub use prioritised::{PrioritisedAllocator, PrioritisedCounts, PrioritisedSolution};
-pub use problem::{Affine, Cone, Problem, rate_window};
+pub use problem::{Affine, Cone, Problem, Scales, rate_window};
 pub use pseudo_inverse::{Mixer, allocate, allocate_yaw_last, thrust_to_command};
 pub use spin::Spin;
 pub use variation::{RowVariation, Variation};

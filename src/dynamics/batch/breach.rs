@@ -1,7 +1,7 @@
 //! Which number broke where an environment stopped: looked for there and then, and nowhere else.
 
 use super::kernel::{ALIVE, DIVERGED_ABOVE, REPORTED, UNCHECKED};
-use super::plant::{Block, Plant, Rows};
+use super::plant::{BatchPlant, PlantBlock, Rows};
 use crate::plant::Quantity;
 use autodiff::program::BLOCK;
 use std::fmt;
@@ -33,7 +33,7 @@ impl fmt::Display for Breach {
     }
 }
 
-/// A [`Breach`] before it is put into words: the place among [`Plant::words`], value and limit.
+/// A [`Breach`] before it is put into words: the place among [`BatchPlant::words`], value and limit.
 #[derive(Debug, Clone, Copy)]
 pub struct RawBreach {
     pub place: u32,
@@ -72,10 +72,10 @@ impl RawBreach {
     }
 }
 
-impl Plant {
+impl BatchPlant {
     /// What the step that stopped these lanes of a block would have led to, into `after`; the block is as it was.
     #[doc(hidden)]
-    pub fn follow(&self, block: &mut Block, lanes: u64, after: &mut Rows) {
+    pub fn follow(&self, block: &mut PlantBlock, lanes: u64, after: &mut Rows) {
         after.copy_from_slice(&block.rows);
         for (lane, alive) in block.rows[self.alive_row()].iter_mut().enumerate() {
             *alive = if lanes >> lane & 1 == 1 { UNCHECKED } else { REPORTED };

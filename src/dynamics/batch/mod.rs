@@ -12,5 +12,5 @@ pub use breach::RawBreach;
 #[doc(hidden)]
 pub use kernel::{ALIVE, DIVERGED_ABOVE, STOPPED};
 #[doc(hidden)]
-pub use plant::{Block, Plant};
+pub use plant::{BatchPlant, PlantBlock};
 pub use world::{DEFAULT_MEMORY_LIMIT, StopReason, Stopped, World};

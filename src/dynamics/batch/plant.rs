@@ -27,7 +27,7 @@ pub(crate) type Rows = Columns;
 
 /// Up to sixty-four environments: state, input, `alive`, and numbers of the model where they have their own.
 #[derive(Debug, Clone)]
-pub struct Block {
+pub struct PlantBlock {
     /// Environments in it: the lanes behind them are padding, and registers of padding alone are not computed.
     pub occupied: usize,
     pub rows: Rows,
@@ -37,7 +37,7 @@ pub struct Block {
 /// A kind of system with its step and the layout of its blocks: state first, then input and `alive`.
 #[derive(Debug, Clone)]
 #[doc(hidden)]
-pub enum Plant {
+pub enum BatchPlant {
     Rigid(RigidPlant),
     Tree(Box<TreePlant>),
 }
@@ -79,7 +79,7 @@ struct Steps {
     own: OnceLock<Arc<StepProgram>>,
 }
 
-impl Plant {
+impl BatchPlant {
     /// With the state of hover.
     #[doc(hidden)]
     pub fn rigid(vehicle: &Vehicle, physics: Physics) -> Result<(Self, Vec<f64>)> {
@@ -204,23 +204,23 @@ impl Plant {
 
     /// A block of `occupied` environments, every column the same, alive, with the shared numbers.
     #[doc(hidden)]
-    pub fn block(&self, state: &[f64], occupied: usize) -> Block {
+    pub fn block(&self, state: &[f64], occupied: usize) -> PlantBlock {
         let mut rows = Rows::zeros(self.n_row());
         for (row, value) in rows.iter_mut().zip(state) {
             *row = [*value as f32; BLOCK];
         }
         rows[self.alive_row()] = [ALIVE; BLOCK];
-        Block { occupied, rows, numbers: None }
+        PlantBlock { occupied, rows, numbers: None }
     }
 
     /// Gives a block numbers of its own, the shared ones at first.
     #[doc(hidden)]
-    pub fn give_parameters(&self, block: &mut Block) {
+    pub fn give_parameters(&self, block: &mut PlantBlock) {
         self.own(block);
     }
 
     /// The block's own numbers, from now on.
-    fn own<'a>(&self, block: &'a mut Block) -> &'a mut Rows {
+    fn own<'a>(&self, block: &'a mut PlantBlock) -> &'a mut Rows {
         self.program(true);
         block.numbers.get_or_insert_with(|| self.shared().clone())
     }
@@ -242,7 +242,7 @@ impl Plant {
 
     /// One step of every block. Whose numbers are shared and whose are a block's own makes no difference to a bit but the sign of a
     /// zero, while numbers are finite: a shared zero is left out of products and sums.
-    pub(crate) fn step(&self, blocks: &mut [Block]) {
+    pub(crate) fn step(&self, blocks: &mut [PlantBlock]) {
         for own in [false, true] {
             let mut alike = blocks.iter_mut().filter(|block| block.numbers.is_some() == own).peekable();
             if alike.peek().is_some() {
@@ -322,7 +322,7 @@ impl Plant {
         }
     }
 
-    /// As [`Plant::next_state`], and `alive` behind it, where what explodes stops: see [`contained`].
+    /// As [`BatchPlant::next_state`], and `alive` behind it, where what explodes stops: see [`contained`].
     #[doc(hidden)]
     pub fn contained_step(&self, state: &[Trace], input: &[Trace], alive: Trace, numbers: &[Trace]) -> Vec<Trace> {
         let n_state = state.len();
@@ -349,7 +349,7 @@ impl Plant {
     }
 
     /// The numbers of one environment from a vehicle of its own.
-    pub(crate) fn set_vehicle(&self, block: &mut Block, lane: usize, vehicle: &Vehicle) -> Result<()> {
+    pub(crate) fn set_vehicle(&self, block: &mut PlantBlock, lane: usize, vehicle: &Vehicle) -> Result<()> {
         let Self::Rigid(p) = self else {
             return Err(Error::value(
                 "the batch",
@@ -387,7 +387,7 @@ impl Plant {
     }
 
     /// The numbers of one environment from a model of its own, with the same topology.
-    pub(crate) fn set_model(&self, block: &mut Block, lane: usize, model: &Model) -> Result<()> {
+    pub(crate) fn set_model(&self, block: &mut PlantBlock, lane: usize, model: &Model) -> Result<()> {
         let Self::Tree(p) = self else {
             return Err(Error::value(
                 "the batch",

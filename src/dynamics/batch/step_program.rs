@@ -3,7 +3,7 @@
 //! Rows of a block: state, input, `alive`. The model's numbers are constants of the program, or rows of their own.
 
 use super::kernel::{DIVERGED_ABOVE, STOPPED, is_unchecked};
-use super::plant::Block;
+use super::plant::PlantBlock;
 use autodiff::native::{Executable, Place, RowLayout, Rows as Array, Work};
 use autodiff::program::BLOCK;
 use autodiff::{Mask, Program, Recording, Scalar, Trace, safe};
@@ -29,7 +29,7 @@ impl StepProgram {
     }
 
     /// Steps blocks whose numbers are those of the program, or rows of their own.
-    pub(super) fn run<'a>(&self, blocks: impl Iterator<Item = &'a mut Block>) {
+    pub(super) fn run<'a>(&self, blocks: impl Iterator<Item = &'a mut PlantBlock>) {
         let idle = || self.idle.lock().unwrap_or_else(PoisonError::into_inner);
         let taken = idle().pop();
         let mut work = taken.unwrap_or_else(|| self.executable.work());

@@ -2,7 +2,7 @@
 
 use super::breach::{Breach, RawBreach};
 use super::kernel::{ALIVE, REPORTED, STOPPED};
-use super::plant::{Block, Plant, Rows, wrong_length};
+use super::plant::{BatchPlant, PlantBlock, Rows, wrong_length};
 use crate::assembly::single;
 use crate::multirotor::{Multirotor, Physics};
 use crate::rigid::{Disturbance, Effects};
@@ -61,8 +61,8 @@ pub struct Stopped {
 pub struct World {
     n_env: usize,
     physics: Physics,
-    plant: Plant,
-    blocks: Vec<Block>,
+    plant: BatchPlant,
+    blocks: Vec<PlantBlock>,
     failures: Vec<Stopped>,
     /// Likewise, what broke; and where a step leads that stops an environment.
     culprits: Vec<Option<RawBreach>>,
@@ -88,12 +88,12 @@ impl World {
     /// As [`World::new`].
     pub fn with_memory_limit(vehicle: &Vehicle, physics: Physics, n_env: usize, limit: u64) -> Result<Self> {
         let (plant, hover) = if physics.effects.contact {
-            let (plant, _) = Plant::tree(&single(vehicle)?, physics, true)?;
+            let (plant, _) = BatchPlant::tree(&single(vehicle)?, physics, true)?;
             let above = Effects { contact: false, ..physics.effects };
             let hover = Multirotor::new(vehicle, Physics { effects: above, ..physics })?.hover_state([0.0; 3])?;
             (plant, hover)
         } else {
-            Plant::rigid(vehicle, physics)?
+            BatchPlant::rigid(vehicle, physics)?
         };
         Self::of_plant(plant, physics, n_env, limit, &hover)
     }
@@ -111,7 +111,7 @@ impl World {
     /// # Errors
     /// As [`World::new`].
     pub fn of_model_with_memory_limit(model: &Model, physics: Physics, n_env: usize, limit: u64) -> Result<Self> {
-        let (plant, rest) = Plant::tree(model, physics, false)?;
+        let (plant, rest) = BatchPlant::tree(model, physics, false)?;
         Self::of_plant(plant, physics, n_env, limit, &rest)
     }
 
@@ -121,11 +121,11 @@ impl World {
     /// # Errors
     /// As [`World::new`].
     pub fn of_varied_model(model: &Model, physics: Physics, n_env: usize) -> Result<Self> {
-        let (plant, rest) = Plant::tree(model, physics, true)?;
+        let (plant, rest) = BatchPlant::tree(model, physics, true)?;
         Self::of_plant(plant, physics, n_env, DEFAULT_MEMORY_LIMIT, &rest)
     }
 
-    fn of_plant(plant: Plant, physics: Physics, n_env: usize, limit: u64, state: &[f64]) -> Result<Self> {
+    fn of_plant(plant: BatchPlant, physics: Physics, n_env: usize, limit: u64, state: &[f64]) -> Result<Self> {
         let n_block = n_env.div_ceil(BLOCK);
         let of_block = (plant.n_row() + plant.n_number()) * size_of::<[f32; BLOCK]>();
         let needed = n_block as u128 * of_block as u128;
@@ -133,8 +133,8 @@ impl World {
             return Err(none_asked(limit));
         }
         let setting = match plant {
-            Plant::Rigid(_) => "the limit with World::with_memory_limit",
-            Plant::Tree(_) => "the limit with World::of_model_with_memory_limit",
+            BatchPlant::Rigid(_) => "the limit with World::with_memory_limit",
+            BatchPlant::Tree(_) => "the limit with World::of_model_with_memory_limit",
         };
         let less = "Step fewer environments at once";
         let request = Request { what: "n_env", value: n_env, bytes: needed, limit, setting, less };

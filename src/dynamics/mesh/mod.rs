@@ -5,9 +5,9 @@
 //! | `check` | what a mesh must be: closed, its outside out |
 //! | `heights` | a grid of heights as a closed mesh |
 //! | `table` | meshes in TOML, and the files that they name |
-//! | `present` | how rays go down the tree of boxes (obvhs), and files of triangles (stl_io): with the feature `mesh` |
+//! | `bvh` | how rays go down the tree of boxes (obvhs), and files of triangles (stl_io): with the feature `mesh` |
 //! | `boxes` | how that tree is made: in n log n, whatever the triangles |
-//! | `absent` | the error that there is in their place without it |
+//! | `bvh_stub` | the error that there is in their place without it |
 //!
 //! A [`Mesh`] is seen by rays ([`sensors::cast`](crate::sensors::cast)) from outside, as everything else. It exerts no
 //! force, and distances ([`Scene::distance`](crate::scene::Scene::distance)) do not know it; so that nobody takes it for a wall, a scene refuses one that

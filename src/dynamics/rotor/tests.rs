@@ -1,5 +1,5 @@
 use super::*;
-use crate::batch::Plant;
+use crate::batch::BatchPlant;
 use crate::domain::Domain;
 use crate::rigid::{parameter_domains, parameter_names, parameter_vector};
 use crate::tree::{model_parameter_domains, model_parameter_names, model_parameters};
@@ -71,7 +71,7 @@ fn every_number_of_the_table_is_one_field_of_a_rotor() {
 fn every_number_of_a_rotor_reaches_the_rows_of_its_kernel_in_the_order_of_the_table() {
     let vehicle = uneven();
     let physics = Physics { effects: Effects::all(), ..Physics::default() };
-    let (plant, _) = Plant::rigid(&vehicle, physics).unwrap();
+    let (plant, _) = BatchPlant::rigid(&vehicle, physics).unwrap();
     let rows = |numbers: &[f64]| {
         on_constants(|| {
             let numbers: Vec<Trace> = numbers.iter().map(|x| Trace::constant(*x)).collect();

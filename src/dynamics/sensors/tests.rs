@@ -710,9 +710,13 @@ fn every_setting_kind_and_preset_stands_in_the_document() {
             said(name.trim_end_matches(['x', 'y', 'z', 'w']).trim_end_matches(numbered));
         }
     }
-    for file in [include_str!("chain.rs"), include_str!("range_flow.rs"), include_str!("camera.rs")] {
-        for name in ["ErrorModel", "Growth", "Stereo"] {
-            base::documented::fields(file, name).iter().for_each(|(key, _)| said(key));
-        }
+    for (file, name) in [
+        (include_str!("chain.rs"), "ErrorModel"),
+        (include_str!("range_flow.rs"), "NoiseGrowth"),
+        (include_str!("camera.rs"), "Stereo"),
+    ] {
+        let fields = base::documented::fields(file, name);
+        assert!(!fields.is_empty(), "{name} is not where it is looked for");
+        fields.iter().for_each(|(key, _)| said(key));
     }
 }

@@ -5,7 +5,6 @@ use crate::rigid::{Disturbance, RIGID_DIM};
 
 /// Place of one body's coordinates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[doc(hidden)]
 pub struct BodyPlace {
     /// First coordinate of its joint in the state: one number of a hinge or slide, four of a ball; of a floating body
     /// the position, with velocity, attitude and angular velocity behind it as in
@@ -21,7 +20,6 @@ pub struct BodyPlace {
 
 /// One root with all that hangs on it.
 #[derive(Debug, Clone, PartialEq, Eq)]
-#[doc(hidden)]
 pub struct TreePlace {
     /// Numbers of its bodies.
     pub bodies: std::ops::Range<usize>,
@@ -41,7 +39,6 @@ pub struct TreePlace {
 /// in the order of the bodies, joint velocities, rotor speeds. Input, tree by tree: rotor actions, drive commands in the
 /// order of the bodies, then with the effect `disturbance` wind, force and moment on the root.
 #[derive(Debug, Clone, PartialEq, Eq)]
-#[doc(hidden)]
 pub struct Layout {
     /// Per body.
     pub bodies: Vec<BodyPlace>,

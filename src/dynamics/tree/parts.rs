@@ -52,7 +52,6 @@ pub struct JointLimits {
 /// q with q̇_target = 0. Sampled once per integrator step and integrated implicitly: stable for any gains and step.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-#[doc(hidden)]
 pub struct Drive {
     /// k, N m/rad or N/m; 0 for a rate servo.
     pub stiffness: f64,
@@ -139,7 +138,6 @@ pub struct Body {
 /// A rotor and the body that carries it: thrust and reaction torque act on that body.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-#[doc(hidden)]
 pub struct MountedRotor {
     /// Number of the body.
     pub body: usize,
@@ -228,7 +226,6 @@ impl Default for ContactSettings {
 /// The parts of a [`Model`](super::Model) before they are checked.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-#[doc(hidden)]
 pub struct ModelParts {
     /// As in the registry and in messages.
     pub name: String,

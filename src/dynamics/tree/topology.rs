@@ -119,7 +119,7 @@ pub(crate) struct Feature {
 pub(crate) enum Form {
     Sphere([f64; 3]),
     Capsule([[f64; 3]; 2]),
-    Box(Block),
+    Box(OrientedBox),
 }
 
 /// A ball within a feature, in the body's frame; a corner of a box where it has no radius.
@@ -132,7 +132,7 @@ pub(crate) struct Ball {
 /// A box.
 #[derive(Debug, Clone, PartialEq)]
 #[doc(hidden)]
-pub struct Block {
+pub struct OrientedBox {
     pub corners: [[f64; 3]; 8],
     pub center: [f64; 3],
     /// By rows, box → body.
@@ -512,7 +512,7 @@ impl Feature {
                 let (rotation, half) = (matrix(pose.attitude), size.map(|edge| 0.5 * edge));
                 let corners = corners(&pose, size);
                 let balls = balls_of_box(&pose, &corners, half);
-                (Form::Box(Block { corners, center: pose.position, rotation, half }), 0.0, balls)
+                (Form::Box(OrientedBox { corners, center: pose.position, rotation, half }), 0.0, balls)
             }
         };
         Self { body: shape.body, still, form, radius, balls, material: shape.material }

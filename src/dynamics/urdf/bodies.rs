@@ -26,9 +26,9 @@ pub(super) struct Body {
     pub inertia: Inertia,
     /// Joint that carries the link; `None` for the root.
     pub joint: Option<Joint>,
-    /// What of its collision geometry this crate has, in the link's frame.
+    /// What of its collision geometry the library has, in the link's frame.
     pub shapes: Vec<Shape>,
-    /// How many of its collision geometries this crate has not: meshes.
+    /// How many of its collision geometries the library has not: meshes.
     pub meshes: usize,
     /// How many of them are cylinders, which stand among `shapes` by what fits into them.
     pub cylinders: usize,

@@ -2,7 +2,7 @@
 //!
 //! Its conventions, from that simulator's `BaseAviary`: thrust kf·n² and torque km·n² with n in revolutions per minute;
 //! n_max = √(thrust2weight·m·g/(4 kf)); drag −(Σ Ωᵢ)·(drag_coeff_xy, drag_coeff_xy, drag_coeff_z)·v with Ω in rad/s, which
-//! is this crate's rotor drag per rotor; yaw moment −Q₀ + Q₁ − Q₂ + Q₃, and the opposite for the racer.
+//! is the library's rotor drag per rotor; yaw moment −Q₀ + Q₁ − Q₂ + Q₃, and the opposite for the racer.
 
 use super::bodies::{Body, hubs, total_mass};
 use super::diagnose::{Lines, numbers, place};

@@ -1,7 +1,7 @@
 //! The networks' shapes, and the blocks of a batch with all that one thread needs to learn from each.
 
 use super::{ActorCriticConfig, Exploration, Kind};
-use crate::experience::Block;
+use crate::experience::ReplayBlock;
 use crate::nn::{Activation, Memory, Mlp, Network, PerAgent, Scratch};
 use crate::policy::{ROWS, network};
 use crate::replay::Widths;
@@ -11,7 +11,7 @@ use tasks::Spec;
 
 /// A block of the batch and all that one thread needs to learn from it.
 pub(super) struct Work {
-    pub block: Block,
+    pub block: ReplayBlock,
     /// What critics see: `[rows, critic's inputs]`.
     pub x: Vec<f32>,
     pub actor: Memory,
@@ -97,7 +97,7 @@ impl Shapes {
     }
 
     pub fn work(&self, team: bool) -> Vec<Work> {
-        let work = |block: Block| {
+        let work = |block: ReplayBlock| {
             let (rows, agents) = (block.rows, block.rows * self.agents);
             let n_x = self.critic.n_input();
             Work {
@@ -121,7 +121,7 @@ impl Shapes {
                 block,
             }
         };
-        Block::cut(self.widths, self.batch, team).into_iter().map(work).collect()
+        ReplayBlock::cut(self.widths, self.batch, team).into_iter().map(work).collect()
     }
 
     /// Bytes of the work on a batch.

@@ -37,7 +37,7 @@ pub(super) enum Change {
 #[derive(Debug, Default)]
 pub(super) struct Disk {
     #[cfg(test)]
-    pub fault: fault::Fault,
+    pub fault: fault::DiskFault,
     #[cfg(test)]
     pub log: std::cell::RefCell<Vec<(Change, PathBuf)>>,
 }
@@ -124,7 +124,7 @@ pub(super) mod fault {
 
     /// What goes wrong, and when.
     #[derive(Debug, Default)]
-    pub enum Fault {
+    pub enum DiskFault {
         #[default]
         None,
         /// The process dies after so many changes: all later ones fail, the clearing up after a failure too.
@@ -133,7 +133,7 @@ pub(super) mod fault {
         Full { free: Cell<u64> },
     }
 
-    impl Fault {
+    impl DiskFault {
         pub fn before(&self, change: Change) -> Result<()> {
             let (left, need, failure) = match (self, change) {
                 (Self::Killed { after }, _) => (after, 1, Error::other("killed")),

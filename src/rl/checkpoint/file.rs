@@ -3,7 +3,7 @@
 //! Both directions stream through one buffer, so a checkpoint needs no second copy in memory, and hash what they pass.
 
 use super::disk::{Disk, Entry, Sink, hex};
-use super::tensor::{Data, Element, Tensors, codec::Codec};
+use super::tensor::{Data, TensorElement, Tensors, codec::Codec};
 use super::{MAX_HEADER, damaged, open};
 use base::error::{Error, Result};
 use safetensors::tensor::{Dtype, Metadata, TensorInfo};
@@ -186,7 +186,7 @@ impl Source {
     }
 
     /// The next tensor of the file.
-    fn tensor<T: Element>(&mut self, name: String, info: &TensorInfo, tensors: &mut Tensors) -> Result<()> {
+    fn tensor<T: TensorElement>(&mut self, name: String, info: &TensorInfo, tensors: &mut Tensors) -> Result<()> {
         let n = bytes(info) / size_of::<T>();
         let mut values: Vec<T> = Vec::new();
         if values.try_reserve_exact(n).is_err() {

@@ -22,7 +22,7 @@ with_defaults! {
     pub struct Manifest {
         /// [`FORMAT`]; set when saving.
         pub format: u32 = FORMAT,
-        /// Version of this crate; set when saving.
+        /// Version of the library; set when saving.
         pub version: String = env!("CARGO_PKG_VERSION").into(),
         /// What the processor computed with ([`instructions`](native::instructions)), the instruction set first; set when saving.
         /// Another set may round sums elsewhere; whether programs are interpreted changes no bit.

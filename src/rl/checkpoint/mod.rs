@@ -20,7 +20,7 @@
 //!     y = linear(y, w[f"actor.{l}.weight"], w[f"actor.{l}.bias"]).tanh()
 //! ```
 //!
-//! **Killed is not lost.** [`Writer::save`] writes and syncs all files in a folder aside, renames that folder into
+//! **Killed is not lost.** [`CheckpointWriter::save`] writes and syncs all files in a folder aside, renames that folder into
 //! place and syncs its parent, so a crash at any instant leaves the checkpoints of before, or those and the new one.
 //! Older ones are removed only then, and never the last that are known to be whole.
 //!
@@ -56,8 +56,8 @@ mod tensor;
 
 pub use disk::Entry;
 pub use manifest::{FORMAT, Files, Manifest};
-pub use store::{LatestCheckpoint, SkippedCheckpoint, Store, Writer};
-pub use tensor::{Data, Element, Tensor, Tensors};
+pub use store::{CheckpointWriter, LatestCheckpoint, SkippedCheckpoint, Store};
+pub use tensor::{Data, Tensor, TensorElement, Tensors};
 
 use base::error::{Error, Result};
 use base::file_gate;

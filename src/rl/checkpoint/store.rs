@@ -55,13 +55,13 @@ impl Store {
         Ok(Self { folder, max_bytes: MAX_BYTES })
     }
 
-    /// The same, and the right to change them until the [`Writer`] is dropped or its process ends. Makes the folders
+    /// The same, and the right to change them until the [`CheckpointWriter`] is dropped or its process ends. Makes the folders
     /// that are missing, and removes what a killed writer left half done. At least the `keep` newest checkpoints are
     /// kept.
     ///
     /// # Errors
     /// [`Error::Value`] if another writer is open or `keep` < 2, [`Error::File`] if the folder cannot be written.
-    pub fn open_to_write(run: impl AsRef<Path>, keep: usize) -> Result<Writer> {
+    pub fn open_to_write(run: impl AsRef<Path>, keep: usize) -> Result<CheckpointWriter> {
         if keep < 2 {
             let remedy = "With one alone, a damaged file would end the run.";
             return Err(Error::value("number of checkpoints to keep", keep, "≥ 2", remedy));
@@ -77,7 +77,8 @@ impl Store {
         let lock = lock(&folder)?;
         let (store, disk) = (Self { folder, max_bytes: MAX_BYTES }, Disk::default());
         disk.sync_folder(run)?;
-        let writer = Writer { store, keep, whole: BTreeSet::new(), spared: BTreeSet::new(), disk, _lock: lock };
+        let writer =
+            CheckpointWriter { store, keep, whole: BTreeSet::new(), spared: BTreeSet::new(), disk, _lock: lock };
         writer.clear()?;
         Ok(writer)
     }
@@ -292,7 +293,7 @@ fn lock(folder: &Path) -> Result<Lock> {
 
 /// The only one that changes the checkpoints of a run.
 #[derive(Debug)]
-pub struct Writer {
+pub struct CheckpointWriter {
     store: Store,
     keep: usize,
     /// Updates whose checkpoints were saved or found whole by this writer.
@@ -303,7 +304,7 @@ pub struct Writer {
     _lock: Lock,
 }
 
-impl Writer {
+impl CheckpointWriter {
     /// The checkpoints.
     pub fn store(&self) -> &Store {
         &self.store
@@ -330,7 +331,7 @@ impl Writer {
     }
 
     /// Saves a checkpoint newer than all others, then removes those older than the newest `keep` whole ones, but for folders
-    /// with files of others ([`Writer::spared`]). Damaged ones in its way, of the same or later updates, are put aside as
+    /// with files of others ([`CheckpointWriter::spared`]). Damaged ones in its way, of the same or later updates, are put aside as
     /// `<update>.damaged`; so is what else bears its name, and stays there.
     ///
     /// # Errors
@@ -469,7 +470,7 @@ fn numbered() -> impl Iterator<Item = String> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::disk::{Change, fault::Fault};
+    use super::super::disk::{Change, fault::DiskFault};
     use super::super::tests::{same, sample};
     use super::*;
     use rng::{Purpose, Stream};
@@ -477,7 +478,7 @@ mod tests {
     use std::time::Duration;
 
     /// A writer that keeps two, after saving these updates.
-    fn store_with(run: &Path, updates: &[u64]) -> Writer {
+    fn store_with(run: &Path, updates: &[u64]) -> CheckpointWriter {
         let mut writer = Store::open_to_write(run, 2).unwrap();
         updates.iter().for_each(|u| drop(writer.save(&sample(*u, 20)).unwrap()));
         writer
@@ -651,7 +652,7 @@ mod tests {
     }
 
     /// Saves update 3 after 1 and 2 with this fault; the run's folder, and whether it was saved.
-    fn save_with(fault: Fault) -> (tempfile::TempDir, Result<PathBuf>) {
+    fn save_with(fault: DiskFault) -> (tempfile::TempDir, Result<PathBuf>) {
         let run = tempfile::tempdir().unwrap();
         let mut writer = store_with(run.path(), &[1, 2]);
         writer.disk.fault = fault;
@@ -663,7 +664,7 @@ mod tests {
     fn a_crash_after_any_file_operation_leaves_the_old_or_the_new_checkpoint_whole() {
         let (mut n_old, mut n_new) = (0, 0);
         for after in 0.. {
-            let (run, outcome) = save_with(Fault::Killed { after: Cell::new(after) });
+            let (run, outcome) = save_with(DiskFault::Killed { after: Cell::new(after) });
             let found = Store::open(run.path()).unwrap().latest().unwrap().unwrap();
             assert!(found.skipped.is_empty(), "after {after}: {:?}", found.skipped);
             let update = found.checkpoint.manifest.update;
@@ -713,7 +714,7 @@ mod tests {
     fn a_checkpoint_written_in_place_would_tear() {
         let run = tempfile::tempdir().unwrap();
         let mut writer = store_with(run.path(), &[1, 2]);
-        writer.disk.fault = Fault::Killed { after: Cell::new(8) };
+        writer.disk.fault = DiskFault::Killed { after: Cell::new(8) };
         sample(3, 20).write(&writer.store.path(3), &writer.disk, MAX_BYTES).unwrap_err();
         assert_eq!(writer.store().latest().unwrap().unwrap().skipped.len(), 1);
     }
@@ -722,7 +723,7 @@ mod tests {
     fn a_full_disk_is_an_error_with_path_and_leaves_the_older_checkpoints() {
         let mut n_refused = 0;
         for free in (0..).step_by(97) {
-            let (run, outcome) = save_with(Fault::Full { free: Cell::new(free) });
+            let (run, outcome) = save_with(DiskFault::Full { free: Cell::new(free) });
             let Err(e) = outcome else { break };
             n_refused += 1;
             let Error::File { path, source } = e else { panic!("{e}") };
@@ -907,7 +908,7 @@ mod tests {
     }
 
     /// The third checkpoint is refused with these words, and the second is still the newest.
-    fn refuses(writer: &mut Writer, place: &str, why: &str) {
+    fn refuses(writer: &mut CheckpointWriter, place: &str, why: &str) {
         let text = writer.save(&sample(3, 20)).unwrap_err().to_string();
         assert!(text.contains(place) && text.contains(why), "{text}");
         assert!(same(&writer.store().latest().unwrap().unwrap().checkpoint, &sample(2, 20)));

@@ -40,7 +40,7 @@ impl Data {
 }
 
 /// What a tensor can be made of: `f32`, `f64`, `u64`, `u8`.
-pub trait Element: codec::Codec {}
+pub trait TensorElement: codec::Codec {}
 
 pub(super) mod codec {
     use super::Data;
@@ -58,7 +58,7 @@ pub(super) mod codec {
 
     macro_rules! elements {
         ($($number:ty, $variant:ident;)*) => {$(
-            impl super::Element for $number {}
+            impl super::TensorElement for $number {}
             impl Codec for $number {
                 const KIND: &'static str = stringify!($number);
                 fn data(values: Vec<Self>) -> Data {
@@ -100,7 +100,7 @@ impl Tensor {
         &self.data
     }
 
-    fn is<T: Element>(&self, shape: &[usize]) -> bool {
+    fn is<T: TensorElement>(&self, shape: &[usize]) -> bool {
         T::values(&self.data).is_some() && self.shape == shape
     }
 }
@@ -122,7 +122,7 @@ impl Tensors {
     ///
     /// # Errors
     /// [`Error::Value`] if the name is taken or no name, or the shape's product is not the number of values.
-    pub fn insert<T: Element>(&mut self, name: impl Into<String>, shape: &[usize], values: Vec<T>) -> Result<()> {
+    pub fn insert<T: TensorElement>(&mut self, name: impl Into<String>, shape: &[usize], values: Vec<T>) -> Result<()> {
         let name = name.into();
         if name.is_empty() || name.len() > MAX_NAME || name.contains(char::is_control) || name == "__metadata__" {
             let limit = format!("1 to {MAX_NAME} printable bytes, and not __metadata__");
@@ -162,7 +162,7 @@ impl Tensors {
     ///
     /// # Errors
     /// [`Error::Unknown`] if there is none of that name, [`Error::Value`] if it is of another kind or shape.
-    pub fn get<T: Element>(&self, name: &str, shape: &[usize]) -> Result<&[T]> {
+    pub fn get<T: TensorElement>(&self, name: &str, shape: &[usize]) -> Result<&[T]> {
         let tensor = self.tensor(name)?;
         let values = T::values(&tensor.data).filter(|_| tensor.shape == shape);
         values.ok_or_else(|| mismatch::<T>(name, tensor, shape))
@@ -172,7 +172,7 @@ impl Tensors {
     ///
     /// # Errors
     /// As [`get`](Self::get).
-    pub fn take<T: Element>(&mut self, name: &str, shape: &[usize]) -> Result<Vec<T>> {
+    pub fn take<T: TensorElement>(&mut self, name: &str, shape: &[usize]) -> Result<Vec<T>> {
         let tensor = self.tensor(name)?;
         if !tensor.is::<T>(shape) {
             return Err(mismatch::<T>(name, tensor, shape));
@@ -208,7 +208,7 @@ impl Tensors {
 
 const REMEDY: &str = "Build what is to be restored with the settings in the checkpoint's manifest, or load another.";
 
-fn mismatch<T: Element>(name: &str, tensor: &Tensor, shape: &[usize]) -> Error {
+fn mismatch<T: TensorElement>(name: &str, tensor: &Tensor, shape: &[usize]) -> Error {
     let found = describe(tensor.data.kind(), &tensor.shape);
     Error::value(format!("tensor {name}"), found, describe(T::KIND, shape), REMEDY)
 }

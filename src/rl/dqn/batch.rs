@@ -3,7 +3,7 @@
 use super::mixing::Mixing;
 use super::values::Values;
 use super::{DqnConfig, ValueMixer};
-use crate::experience::Block;
+use crate::experience::ReplayBlock;
 use crate::nn::{Activation, Memory, Mlp, Network, PerAgent, Scratch};
 use crate::policy::{ROWS, network};
 use crate::replay::Widths;
@@ -28,7 +28,7 @@ pub(super) struct Shapes {
 
 /// A block of the batch and all that one thread needs to learn from it.
 pub(super) struct Work {
-    pub block: Block,
+    pub block: ReplayBlock,
     /// Of the learnt network and of its target.
     pub memory: [Memory; 2],
     pub scratch: Scratch,
@@ -73,7 +73,7 @@ impl Shapes {
 
     pub fn work(&self, team: bool) -> Vec<Work> {
         let n_weights = self.mixer().map_or(0, Mlp::n_output);
-        let work = |block: Block| {
+        let work = |block: ReplayBlock| {
             let rows = block.rows * self.agents;
             Work {
                 memory: [self.network.memory(rows), self.network.memory(rows)],
@@ -91,7 +91,7 @@ impl Shapes {
                 block,
             }
         };
-        Block::cut(self.widths, self.batch, team).into_iter().map(work).collect()
+        ReplayBlock::cut(self.widths, self.batch, team).into_iter().map(work).collect()
     }
 
     /// Bytes of the work on a batch.

@@ -63,7 +63,7 @@ fn descent(own: &mut Dqn) -> (f64, [Vec<f32>; 2]) {
 }
 
 /// Likewise, but for what `spoil` does to rows whose targets are known.
-fn descent_but(own: &mut Dqn, spoil: fn(&mut Block)) -> (f64, [Vec<f32>; 2]) {
+fn descent_but(own: &mut Dqn, spoil: fn(&mut ReplayBlock)) -> (f64, [Vec<f32>; 2]) {
     let Dqn { shapes, net, mixer, experience, config, step, work, value_norm, .. } = own;
     let unit = value_norm.unit();
     for (number, work) in work.iter_mut().enumerate() {

@@ -98,8 +98,8 @@ fn keeping(task: &str, config: &ReplayConfig, flies: bool) -> Experience {
 }
 
 /// Rows drawn for gradient step 0.
-fn drawn(own: &Experience, rows: usize, progress: f64) -> Vec<Block> {
-    let mut blocks = Block::cut(own.widths, rows, false);
+fn drawn(own: &Experience, rows: usize, progress: f64) -> Vec<ReplayBlock> {
+    let mut blocks = ReplayBlock::cut(own.widths, rows, false);
     blocks.iter_mut().enumerate().for_each(|(k, block)| own.gather(block, (0, k), progress));
     blocks
 }
@@ -116,7 +116,7 @@ fn rows_that_are_drawn_more_often_weigh_as_much_less() {
     assert_eq!(ids.len(), 160 * 12);
     let surprise = |id: u32| 1.0 + (id % 7) as f32;
     let mut rest = &ids[..];
-    let mut told = Block::cut(own.widths, ids.len(), false);
+    let mut told = ReplayBlock::cut(own.widths, ids.len(), false);
     for block in &mut told {
         let (now, later) = rest.split_at(block.rows);
         block.ids.copy_from_slice(now);
@@ -179,7 +179,7 @@ fn beams_kept_as_bytes_are_off_by_half_a_step() {
         (own.env().spec().clone(), drawn(&own, 500, 0.0))
     };
     let ((spec, exact), (_, bytes)) = (of(Precision::F32), of(Precision::U8));
-    let (code, n) = (Code::of(&spec, Precision::U8).unwrap(), spec.n_observation);
+    let (code, n) = (ReplayCode::of(&spec, Precision::U8).unwrap(), spec.n_observation);
     assert!(2 * code.bytes() < 4 * n, "{} bytes of {}", code.bytes(), 4 * n);
     let half = spec.observation.iter().flat_map(|field| {
         let half = if field.is_of_rays() { (field.high - field.low) / 510.0 } else { 0.0 };

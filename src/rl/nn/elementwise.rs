@@ -156,7 +156,7 @@ impl AddRows<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use autodiff::lanes::{Set, with_set};
+    use autodiff::lanes::{InstructionSet, with_set};
 
     #[test]
     fn sums_are_those_of_a_loop_to_the_bit_for_any_width() {
@@ -164,7 +164,7 @@ mod tests {
             let x: Vec<f32> = (0..width * rows).map(|i| (i as f32 * 0.37).sin()).collect();
             let mut want = vec![0.5_f32; width];
             x.chunks(width).for_each(|row| want.iter_mut().zip(row).for_each(|(s, x)| *s += x));
-            for set in [Set::Avx512, Set::Avx2, Set::OneLane] {
+            for set in [InstructionSet::Avx512, InstructionSet::Avx2, InstructionSet::OneLane] {
                 let mut got = vec![0.5; width];
                 with_set(set, || add_rows(&mut got, &x, rows));
                 assert_eq!(got, want, "{width} × {rows} with {set:?}");

@@ -1,6 +1,6 @@
 //! Networks that say the same otherwise: with fewer outputs, each a sum of some of another's; or in other units.
 
-use super::network::{Network, Part, Slot};
+use super::network::{NamedTensor, Network, Slot};
 use base::error::{Error, Result};
 
 /// The parameters of `narrow`, whose output k is Σ w · (output j of `wide`) over the `(j, w)` that `sums` gives for k. Both are
@@ -63,12 +63,12 @@ impl OutputLayer {
 }
 
 /// Weight, `[out, in]`, and bias of the layer that gives the outputs.
-fn last_layer(parts: &mut [Part]) -> &mut [Part] {
+fn last_layer(parts: &mut [NamedTensor]) -> &mut [NamedTensor] {
     let n = parts.len();
     &mut parts[n - 2..]
 }
 
-fn joined(network: &dyn Network, parts: Vec<Part>) -> Result<Vec<f32>> {
+fn joined(network: &dyn Network, parts: Vec<NamedTensor>) -> Result<Vec<f32>> {
     let mut parts = parts.into_iter();
     network.from_parts(&mut |_, _| Ok(parts.next().map_or(Vec::new(), |part| part.data)))
 }

@@ -10,7 +10,7 @@ use super::elementwise::{add_products, add_rows};
 use super::encoder::{Encoder, Recurrence};
 use super::init::Init;
 use super::layer_norm;
-use super::network::{Level, Memory, Network, Output, Part, Pass, Scratch, Slot, Transposed, Weights};
+use super::network::{Level, Memory, NamedTensor, Network, Output, Pass, Scratch, Slot, Transposed, Weights};
 use super::product::{Begin, Left, PAD, padded, product};
 use super::stack::Join;
 use base::defaults::with_defaults;
@@ -385,7 +385,7 @@ impl Mlp {
     }
 
     /// Parameters by name.
-    pub fn parts(&self, parameters: &[f32]) -> Vec<Part> {
+    pub fn parts(&self, parameters: &[f32]) -> Vec<NamedTensor> {
         Network::parts(self, parameters)
     }
 

@@ -49,7 +49,7 @@ pub use gru::Gru;
 pub use head::Head;
 pub use init::Init;
 pub use mlp::{Layers, Mlp};
-pub use network::{Memory, Named, Network, Output, Part, Pass, Scratch, Slot, Transposed, Weights};
+pub use network::{Memory, Named, NamedTensor, Network, Output, Pass, Scratch, Slot, Transposed, Weights};
 pub use per_agent::PerAgent;
 pub use set::{Pool, Set};
 pub(crate) use stack::last_encoder;

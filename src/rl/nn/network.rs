@@ -114,7 +114,7 @@ pub trait Network: Debug + Send + Sync {
     }
 
     /// The named tensors of the parameters, as checkpoints hold them.
-    fn parts(&self, parameters: &[f32]) -> Vec<Part> {
+    fn parts(&self, parameters: &[f32]) -> Vec<NamedTensor> {
         self.slots().into_iter().map(|slot| slot.tensor(parameters)).collect()
     }
 
@@ -205,9 +205,9 @@ impl Slot {
         data.enumerate().for_each(|(at, x)| parameters[self.place(at)] = x);
     }
 
-    fn tensor(self, parameters: &[f32]) -> Part {
+    fn tensor(self, parameters: &[f32]) -> NamedTensor {
         let data = (0..self.len()).map(|at| parameters[self.place(at)]).collect();
-        Part { name: self.name, shape: self.shape, data }
+        NamedTensor { name: self.name, shape: self.shape, data }
     }
 
     pub(crate) fn put(&self, data: Vec<f32>, parameters: &mut [f32]) -> Result<()> {
@@ -225,7 +225,7 @@ impl Slot {
 
 /// A named part of the parameters, as checkpoints hold it.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Part {
+pub struct NamedTensor {
     /// `0.weight`, `0.bias`, `0.norm.weight`, `0.norm.bias`.
     pub name: String,
     /// `[out, in]` or `[out]`.

@@ -2,7 +2,7 @@
 
 use crate::nn::Memory;
 use crate::policy::{Actor, ROWS};
-use crate::rollout::Rollout;
+use crate::rollout::RolloutBatch;
 use base::parallel::Threads;
 
 /// Largest ratio, and one over the least: one row must not outweigh all others in the turns behind.
@@ -27,7 +27,7 @@ impl Ratios {
         &mut self,
         threads: &Threads,
         (actor, parameters, set): (&Actor, &[f32], usize),
-        rollout: &Rollout,
+        rollout: &RolloutBatch,
         rows: &[u32],
     ) {
         let (n_in, n_action) = (actor.n_observation(), actor.n_action());

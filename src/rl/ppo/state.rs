@@ -9,7 +9,7 @@ use crate::minibatch::Minibatch;
 use crate::nn::gaussian::Gaussians;
 use crate::nn::{Adam, Recurrence, Transposed};
 use crate::policy::Policy;
-use crate::rollout::{Collector, CriticSees, Rollout, Shape};
+use crate::rollout::{Collector, CriticSees, RolloutBatch, RolloutShape};
 use crate::sequences::{Sequences, sequences};
 use crate::shards::{begin_statistics, set_difficulty, shards_if};
 use crate::state;
@@ -38,7 +38,7 @@ impl Ppo {
         let env = EnvConfig { n_env: config.n_env, seed, ..config.seen(env) };
         let sees = CriticSees { central: config.central_critic, privileged: config.privileged_critic };
         let n_state = config.network.memory.as_ref().map_or(0, Recurrence::units);
-        let shape = |spec: &Spec| Shape::new(spec, config.steps, sees).remembering(n_state);
+        let shape = |spec: &Spec| RolloutShape::new(spec, config.steps, sees).remembering(n_state);
         let shards =
             shards_if(make, &env, config.shard, |first, _| shape(first.spec()).check(config.n_env, env.memory_limit))?;
         let spec = shards[0].env.spec().clone();
@@ -83,7 +83,7 @@ impl Ppo {
             sequences,
             value_norm: ValueNorm::new(config.value_beta)?,
             collectors: shards.into_iter().map(|shard| Collector::new(shard, &actor, &critic)).collect(),
-            rollout: Rollout::new(shape, config.n_env),
+            rollout: RolloutBatch::new(shape, config.n_env),
             update: 0,
             env_steps: 0,
             actor_rows: Vec::new(),

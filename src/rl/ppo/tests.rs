@@ -1,7 +1,7 @@
 use super::*;
 use crate::learner::{Learner, saved};
 use crate::nn::{Layers, Recurrence};
-use crate::rollout::Shape;
+use crate::rollout::RolloutShape;
 use crate::schedule::Schedule;
 use autodiff::{Trace, TraceMask};
 use dynamics::Effects;
@@ -57,9 +57,9 @@ fn before_the_first_step_the_ratio_is_one_and_the_divergence_nothing() {
 }
 
 /// A rollout of nothing but what the actor's loss reads, every sign of A with ρ on all three sides of the clip.
-fn invented(actor: &Actor, parameters: &[f32], stream: &mut Stream) -> (Rollout, Vec<u32>) {
+fn invented(actor: &Actor, parameters: &[f32], stream: &mut Stream) -> (RolloutBatch, Vec<u32>) {
     let (n_in, n_action) = (actor.mlp.n_input(), actor.n_action());
-    let shape = Shape {
+    let shape = RolloutShape {
         steps: 5,
         n_agent: 2,
         n_value: 1,
@@ -69,7 +69,7 @@ fn invented(actor: &Actor, parameters: &[f32], stream: &mut Stream) -> (Rollout,
         n_action,
         n_state: 0,
     };
-    let mut rollout = Rollout::new(shape, 4);
+    let mut rollout = RolloutBatch::new(shape, 4);
     let mut memory = actor.mlp.memory(1);
     let (network, extra) = parameters.split_at(actor.mlp.n_parameter());
     let rows = 4 * 5 * 2;

@@ -21,14 +21,14 @@ pub enum Precision {
 
 /// Which numbers of an agent's observation are bytes.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Code {
+pub struct ReplayCode {
     /// Columns, and the value of 0 and of a step.
     fields: Vec<(Range<usize>, f32, f32)>,
     /// Numbers of an agent's observation in all.
     n: usize,
 }
 
-impl Code {
+impl ReplayCode {
     /// For `n` numbers of an agent, all as they are.
     pub fn plain(n: usize) -> Self {
         Self { fields: Vec::new(), n }
@@ -93,20 +93,20 @@ impl Code {
 /// Observations of agents, one after the other.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Seen {
-    code: Code,
+    code: ReplayCode,
     pub(super) floats: Vec<f32>,
     pub(super) bytes: Vec<u8>,
 }
 
 impl Seen {
     /// Of `rows` agents, all zeros.
-    pub fn new(code: Code, rows: usize) -> Self {
+    pub fn new(code: ReplayCode, rows: usize) -> Self {
         Self { floats: vec![0.0; rows * code.n_float()], bytes: vec![0; rows * code.n_byte()], code }
     }
 
     /// Keeps observations `[_, n]` from row `first` on.
     pub fn put(&mut self, first: usize, seen: &[f32]) {
-        let Code { fields, n } = &self.code;
+        let ReplayCode { fields, n } = &self.code;
         if fields.is_empty() {
             return self.floats[first * n..][..seen.len()].copy_from_slice(seen);
         }
@@ -128,7 +128,7 @@ impl Seen {
 
     /// Writes as many rows from `first` on as there is room for.
     pub fn get(&self, first: usize, to: &mut [f32]) {
-        let Code { fields, n } = &self.code;
+        let ReplayCode { fields, n } = &self.code;
         if fields.is_empty() {
             return to.copy_from_slice(&self.floats[first * n..][..to.len()]);
         }
@@ -163,8 +163,8 @@ mod tests {
 
     #[test]
     fn bytes_are_off_by_half_a_step_and_the_rest_is_as_it_was() {
-        let code = Code { fields: vec![(1..3, 0.0, 1.0 / 255.0), (4..5, -2.0, 4.0 / 255.0)], n: 6 };
-        assert_eq!((code.bytes(), Code::plain(6).bytes()), (4 * 3 + 3, 24));
+        let code = ReplayCode { fields: vec![(1..3, 0.0, 1.0 / 255.0), (4..5, -2.0, 4.0 / 255.0)], n: 6 };
+        assert_eq!((code.bytes(), ReplayCode::plain(6).bytes()), (4 * 3 + 3, 24));
         let mut seen = Seen::new(code, 3);
         let rows = [1e3, 0.3, 1.0, -7.5, 1.99, f32::NAN, 0.0, 5.0, f32::NAN, 0.25, -9.0, 3.0];
         seen.put(1, &rows);
@@ -187,7 +187,7 @@ mod tests {
     fn what_bytes_cannot_hold_is_refused_with_the_remedy() {
         let told = |text: &str| {
             let config = EnvConfig { n_env: 1, ..EnvConfig::from_toml(text, "test").unwrap() };
-            Code::of(Env::make("Hover", &config).unwrap().spec(), Precision::U8).map_err(|e| e.to_string())
+            ReplayCode::of(Env::make("Hover", &config).unwrap().spec(), Precision::U8).map_err(|e| e.to_string())
         };
         assert!(told("").unwrap_err().contains("no image or lidar"));
         assert!(told("observation = [{ kind = 'normalise' }]").unwrap_err().contains("normalise_observation = false"));

@@ -42,7 +42,7 @@ fn seen(ring: &Ring, slot: usize, env: usize) -> Vec<f32> {
 
 /// A ring that went round some times, and all that happened to each environment.
 fn flown(slots: usize, steps: usize) -> (Ring, Vec<Vec<Told>>) {
-    let (mut ring, mut out) = (Ring::new(WIDTHS, Code::plain(3), ENVS, slots), buffers());
+    let (mut ring, mut out) = (Ring::new(WIDTHS, ReplayCode::plain(3), ENVS, slots), buffers());
     let mut stream = Stream::new(7, 0, 0, Purpose::LEARNING);
     let mut draw = |x: &mut [f32]| x.iter_mut().for_each(|x| *x = stream.normal() as f32);
     draw(&mut out.observation);
@@ -153,7 +153,7 @@ fn a_ring_that_was_saved_goes_on_alike_and_one_that_was_forged_is_refused() {
     let (ring, all) = flown(16, 100);
     let mut tensors = Tensors::new();
     ring.save(3, &mut tensors).unwrap();
-    let mut other = Ring::new(WIDTHS, Code::plain(3), ENVS, 16);
+    let mut other = Ring::new(WIDTHS, ReplayCode::plain(3), ENVS, 16);
     other.load(3, &tensors).unwrap();
     check(&other, &all, 3);
     assert_eq!((other.lasts, other.free), (ring.lasts.clone(), ring.free.clone()));
@@ -161,16 +161,19 @@ fn a_ring_that_was_saved_goes_on_alike_and_one_that_was_forged_is_refused() {
         let mut forged = Tensors::new();
         let own = Ring { head, len, ..ring.clone() };
         own.save(3, &mut forged).unwrap();
-        let refused = Ring::new(WIDTHS, Code::plain(3), ENVS, 16).load(3, &forged).unwrap_err().to_string();
+        let refused = Ring::new(WIDTHS, ReplayCode::plain(3), ENVS, 16).load(3, &forged).unwrap_err().to_string();
         assert!(refused.contains("within the ring"), "{refused}");
     }
     let mut forged = Tensors::new();
     let place = ring.free.first().copied().unwrap_or(0);
     Ring { free: vec![place; 3], ..ring.clone() }.save(3, &mut forged).unwrap();
-    assert!(Ring::new(WIDTHS, Code::plain(3), ENVS, 16).load(3, &forged).is_err(), "one place twice");
+    assert!(Ring::new(WIDTHS, ReplayCode::plain(3), ENVS, 16).load(3, &forged).is_err(), "one place twice");
     let mut forged = Tensors::new();
     Ring { lasts: Vec::new(), free: Vec::new(), ..ring }.save(3, &mut forged).unwrap();
-    assert!(Ring::new(WIDTHS, Code::plain(3), ENVS, 16).load(3, &forged).is_err(), "an observation that is not there");
+    assert!(
+        Ring::new(WIDTHS, ReplayCode::plain(3), ENVS, 16).load(3, &forged).is_err(),
+        "an observation that is not there"
+    );
 }
 
 #[test]

@@ -8,7 +8,7 @@ use super::residual::BaseController;
 use super::sensing::{SensorScratch, Sensors};
 use crate::task::TaskReference;
 use autodiff::program::BLOCK;
-use dynamics::batch::{Block, RawBreach};
+use dynamics::batch::{PlantBlock, RawBreach};
 
 pub(crate) use autodiff::columns::Columns;
 
@@ -103,7 +103,7 @@ pub(crate) fn take(rows: &[[f32; BLOCK]], lane: usize, values: &mut [f64]) {
 /// Sixty-four environments.
 #[derive(Debug, Clone)]
 pub(crate) struct EnvBlock {
-    pub plant: Block,
+    pub plant: PlantBlock,
     /// What they keep beside their physics, as [`Kept`](super::layout::Kept) says.
     pub kept: Columns,
     /// One per environment, or none.
@@ -124,7 +124,7 @@ pub(crate) struct EnvBlock {
 }
 
 impl EnvBlock {
-    pub(crate) fn new(plant: Block, s: &Sizes) -> Self {
+    pub(crate) fn new(plant: PlantBlock, s: &Sizes) -> Self {
         Self {
             plant,
             kept: Columns::zeros(Kept::of(s).count),

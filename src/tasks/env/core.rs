@@ -20,7 +20,7 @@ use crate::task::{Task, View};
 use crate::task_spec::TaskSpec;
 use autodiff::{Program, Recording, Scalar, Trace};
 use base::error::Result;
-use dynamics::batch::Plant;
+use dynamics::batch::BatchPlant;
 use std::sync::{Arc, OnceLock};
 
 /// Everything that all environments share and that a step only reads.
@@ -28,7 +28,7 @@ pub(crate) struct Core {
     pub task: Box<dyn Task>,
     /// What the task says about itself.
     pub task_spec: TaskSpec,
-    pub plant: Plant,
+    pub plant: BatchPlant,
     pub control: Control,
     /// Controllers that actions change the commands of.
     pub residual: Option<Residual>,

@@ -3,13 +3,13 @@
 use super::block::Sizes;
 use base::error::Result;
 use base::memory::{Request, none_asked};
-use dynamics::batch::{Plant, RawBreach};
+use dynamics::batch::{BatchPlant, RawBreach};
 
 /// Bytes of what a controller tracks, about: the pieces of a path.
 const REFERENCE: usize = 2048;
 
 /// Bytes that one environment keeps between steps.
-pub(crate) fn bytes_per_env(plant: &Plant, s: &Sizes) -> usize {
+pub(crate) fn bytes_per_env(plant: &BatchPlant, s: &Sizes) -> usize {
     let numbers = if s.theta > 0 { plant.n_number() } else { 0 };
     let rows = plant.n_row() + numbers + s.episode_state() + s.goal + s.task_state + s.theta + s.air;
     let reference = if s.beginning > 0 { REFERENCE } else { 0 };

@@ -96,7 +96,7 @@ use autodiff::program::BLOCK;
 use base::error::{Error, Result, finite};
 use base::parallel::Threads;
 use dynamics::Physics;
-use dynamics::batch::{Breach, Plant, STOPPED};
+use dynamics::batch::{BatchPlant, Breach, STOPPED};
 use dynamics::rigid::BODY_PARAMETERS;
 use dynamics::rotor::{N_ROTOR_PARAMETER, at};
 use dynamics::shape::Shape;
@@ -208,8 +208,8 @@ impl Env {
         };
         // numbers that vary may leave zero, so nothing may be left out
         let plant = match robot.plant() {
-            dynamics::Plant::Rigid(m) => Plant::rigid(m.vehicle(), vary_effects(*m.physics(), &varied))?.0,
-            dynamics::Plant::Tree(m) => Plant::tree(m.model(), *m.physics(), !varied.is_empty())?.0,
+            dynamics::Plant::Rigid(m) => BatchPlant::rigid(m.vehicle(), vary_effects(*m.physics(), &varied))?.0,
+            dynamics::Plant::Tree(m) => BatchPlant::tree(m.model(), *m.physics(), !varied.is_empty())?.0,
         };
         let n_env = config.n_env;
         let bytes = bytes_per_env(&plant, &sizes) + sensing.as_ref().map_or(0, SensorSetup::bytes);

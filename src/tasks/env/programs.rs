@@ -9,7 +9,7 @@ use autodiff::native::{Executable, PerProcess, Place, RowLayout, Rows, Work};
 use autodiff::program::BLOCK;
 use autodiff::{Program, Recording, Trace};
 use base::error::Result;
-use dynamics::batch::Block;
+use dynamics::batch::PlantBlock;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -243,7 +243,7 @@ impl RowProgram {
         lanes: Range<usize>,
     ) {
         let scratch = scratch.get_or_insert_with(|| self.scratch());
-        let EnvBlock { plant: Block { rows, numbers, .. }, kept, .. } = block;
+        let EnvBlock { plant: PlantBlock { rows, numbers, .. }, kept, .. } = block;
         let model = numbers.as_mut().map_or(&mut [][..], |rows| rows);
         let mut arrays =
             [Rows::Write(rows), Rows::Write(kept), Rows::Write(work), Rows::Read(&core.shared), Rows::Write(model)];

@@ -217,6 +217,6 @@ impl StepPhases<'_> {
 
 impl std::fmt::Debug for StepPhases<'_> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "PhaseByPhase({})", self.env.spec.task)
+        write!(f, "StepPhases({})", self.env.spec.task)
     }
 }

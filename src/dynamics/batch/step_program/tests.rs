@@ -1,9 +1,9 @@
 use super::*;
-use crate::batch::Plant;
+use crate::batch::BatchPlant;
 use crate::batch::kernel::ALIVE;
 use crate::batch::plant::Rows;
 use crate::{Effects, Integrator, Physics, configurations, vehicles};
-use autodiff::lanes::{Set, with_set};
+use autodiff::lanes::{InstructionSet, with_set};
 use rng::{Purpose, Stream};
 
 const STEPS: usize = 20;
@@ -11,7 +11,7 @@ const STEPS: usize = 20;
 const BROKEN: usize = 37;
 
 /// Every vehicle and configuration, with every integrator and set of effects, by name.
-fn all(mut each: impl FnMut(&str, &dyn Fn() -> (Plant, Vec<f64>))) {
+fn all(mut each: impl FnMut(&str, &dyn Fn() -> (BatchPlant, Vec<f64>))) {
     for integrator in [Integrator::RungeKutta4, Integrator::SemiImplicit] {
         let own = Effects { contact: false, ..Effects::all() };
         for (effects, name) in
@@ -20,21 +20,23 @@ fn all(mut each: impl FnMut(&str, &dyn Fn() -> (Plant, Vec<f64>))) {
             let physics = Physics { integrator, effects, ..Physics::default() };
             for vehicle in vehicles::all() {
                 let name = format!("{} {integrator:?}, {name} effects", vehicle.name);
-                each(&name, &|| Plant::rigid(&vehicle, physics).unwrap());
+                each(&name, &|| BatchPlant::rigid(&vehicle, physics).unwrap());
             }
         }
         for effects in [Effects::default(), Effects::all()] {
             let physics = Physics { integrator, effects, ..Physics::default() };
             for name in configurations::names() {
                 let model = configurations::by_name(name).unwrap();
-                each(&format!("{name} {integrator:?}"), &|| Plant::tree(&model, physics, effects.contact).unwrap());
+                each(&format!("{name} {integrator:?}"), &|| {
+                    BatchPlant::tree(&model, physics, effects.contact).unwrap()
+                });
             }
         }
     }
 }
 
 /// Sixty-four different flights, one of them with an action that is no number.
-fn block(plant: &Plant, state: &[f64]) -> Block {
+fn block(plant: &BatchPlant, state: &[f64]) -> PlantBlock {
     let mut r = Stream::new(80, 0, 0, Purpose::user(80));
     let mut block = plant.block(state, BLOCK);
     let (n, alive) = (state.len(), plant.alive_row());
@@ -51,7 +53,7 @@ fn block(plant: &Plant, state: &[f64]) -> Block {
     block
 }
 
-fn flown(plant: &Plant, state: &[f64], has_own: bool) -> Rows {
+fn flown(plant: &BatchPlant, state: &[f64], has_own: bool) -> Rows {
     let mut blocks = [block(plant, state)];
     if has_own {
         plant.give_parameters(&mut blocks[0]);
@@ -79,8 +81,10 @@ fn whose_numbers_they_are_changes_no_bit() {
 fn sixteen_and_eight_lanes_step_to_the_same_bits_and_one_lane_to_the_same_flight() {
     let mut worst = 0.0_f32;
     all(|name, plant| {
-        let sets = [Set::Avx512, Set::Avx2, Set::OneLane].into_iter().filter(|set| set.is_here());
-        let flights: Vec<(Set, Rows)> = sets
+        let sets = [InstructionSet::Avx512, InstructionSet::Avx2, InstructionSet::OneLane]
+            .into_iter()
+            .filter(|set| set.is_here());
+        let flights: Vec<(InstructionSet, Rows)> = sets
             .map(|set| {
                 let fly = || {
                     let (plant, state) = plant();
@@ -91,7 +95,7 @@ fn sixteen_and_eight_lanes_step_to_the_same_bits_and_one_lane_to_the_same_flight
             .collect();
         let (_, first) = &flights[0];
         for (set, other) in &flights[1..] {
-            if *set != Set::OneLane {
+            if *set != InstructionSet::OneLane {
                 assert_eq!(first_difference(first, other), None, "{name}, {set:?}: row and lane that differ");
                 continue;
             }

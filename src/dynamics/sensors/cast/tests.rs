@@ -6,7 +6,7 @@ use super::*;
 use crate::scene::{Element, Gate, GateSlide, Obstacle, Scene};
 use crate::shape::{Geometry, Shape};
 use crate::spatial::{add, exponential, from_euler, multiply, rotate, scale};
-use autodiff::lanes::{Set, with_set};
+use autodiff::lanes::{InstructionSet, with_set};
 use rng::{Purpose, Stream};
 
 pub(super) fn stream(which: u64) -> Stream {
@@ -165,14 +165,17 @@ fn images_and_scans_are_the_same_bits_with_every_instruction_set() {
         let world = any_world(&mut r);
         let pose = any_eye(&mut r, &world);
         let (camera, rays) = (any_camera(&mut r, 40), any_rays(&mut r));
-        let mut all = [Set::Avx512, Set::Avx2, Set::OneLane].into_iter().filter(|set| set.is_here()).map(|set| {
-            with_set(set, || {
-                (
-                    image(&mut caster, RayCaster::image, &world, &camera, &pose),
-                    scan(&mut caster, RayCaster::rays, &world, &rays, &pose),
-                )
-            })
-        });
+        let mut all = [InstructionSet::Avx512, InstructionSet::Avx2, InstructionSet::OneLane]
+            .into_iter()
+            .filter(|set| set.is_here())
+            .map(|set| {
+                with_set(set, || {
+                    (
+                        image(&mut caster, RayCaster::image, &world, &camera, &pose),
+                        scan(&mut caster, RayCaster::rays, &world, &rays, &pose),
+                    )
+                })
+            });
         let first = all.next().unwrap();
         for other in all {
             assert_eq!(first, other, "scene {which}");

@@ -5,7 +5,7 @@ use super::*;
 use crate::scene::{Generator, Scene};
 use crate::spatial::{axpy, rotate};
 use crate::uneven_ground::{GroundWave, UnevenGround};
-use autodiff::lanes::{Set, with_set};
+use autodiff::lanes::{InstructionSet, with_set};
 use rng::Stream;
 
 fn any_relief(r: &mut Stream) -> UnevenGround {
@@ -132,7 +132,10 @@ fn hills_with_solids_are_the_same_bits_culled_or_not_and_with_every_instruction_
         let (camera, rays) = (any_camera(&mut r, 24), any_rays(&mut r));
         let want = image(&mut caster, RayCaster::image_of_all, &world, &camera, &pose);
         let scanned = scan(&mut caster, RayCaster::rays_of_all, &world, &rays, &pose);
-        for set in [Set::Avx512, Set::Avx2, Set::OneLane].into_iter().filter(|set| set.is_here()) {
+        for set in [InstructionSet::Avx512, InstructionSet::Avx2, InstructionSet::OneLane]
+            .into_iter()
+            .filter(|set| set.is_here())
+        {
             let (a, b) = with_set(set, || {
                 (
                     image(&mut caster, RayCaster::image, &world, &camera, &pose),
