@@ -17,7 +17,8 @@ use std::sync::Arc;
 /// One number of each environment of a block.
 type Row = [f32; BLOCK];
 
-/// A system and an objective, compiled for blocks of rollouts.
+/// A system and an objective, compiled for many rollouts at once: gradients by the adjoint as of [`Rollout`](super::Rollout), 64 rollouts
+/// to a block, in `f32` lanes. Rollouts differ in their start; inputs and parameters are shared.
 #[derive(Debug, Clone)]
 pub struct BatchRollout {
     n_state: usize,
@@ -36,9 +37,9 @@ pub struct BatchRollout {
 /// Costs of a batch of rollouts and the mean gradient.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BatchGradient {
-    /// J of each rollout; not finite where it diverged.
+    /// J of each rollout, `[N]`; not finite where it diverged.
     pub costs: Vec<f32>,
-    /// Mean of ∂J/∂θ over the rollouts whose cost and gradient are finite.
+    /// Mean of ∂J/∂θ over the rollouts whose cost and gradient are finite, `[p]`; zeros without any.
     pub parameters: Vec<f64>,
     /// How many those are.
     pub n_finite: usize,
@@ -51,7 +52,7 @@ struct BlockResult {
 }
 
 impl BatchRollout {
-    /// Records and compiles.
+    /// Records the step and the costs and compiles them with their adjoints.
     ///
     /// # Errors
     /// [`Error::Limit`] if a recording is too large to compile.
@@ -76,12 +77,13 @@ impl BatchRollout {
         })
     }
 
-    /// Costs and mean parameter gradient. `states`: row-major `[N, n]`; `inputs`: row-major `[T, m]`, shared.
+    /// Costs J = Σₖ c(xₖ, uₖ, θ) + c_T(x_T, θ) and their mean gradient by θ. `states`: the starts x₀, row-major `[N, n]`; `inputs`:
+    /// row-major `[T, m]`, shared; `parameters`: `[p]`.
     ///
     /// Results do not depend on the number of threads.
     ///
     /// # Errors
-    /// [`Error::Value`] if a length does not fit.
+    /// [`Error::Value`] if a length does not fit, without a rollout or a step.
     pub fn gradient(
         &self,
         states: &[f32],

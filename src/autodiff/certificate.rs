@@ -29,7 +29,7 @@ use base::error::{Error, Result};
 use std::fmt;
 
 with_defaults! {
-    /// What a certificate may not exceed.
+    /// What the errors of a [`Certificate`] may not exceed.
     #[derive(Debug, Clone, Copy, PartialEq)]
     pub struct CertificateBounds {
         /// Adjoint against duals, relative to max(1, ‖column‖).
@@ -53,7 +53,7 @@ pub struct Certificate {
     /// derivative gives. `None` where the step is affine along the direction, so that nothing remains; infinite where the
     /// remainder is not finite.
     pub taylor_order: Option<f64>,
-    /// Value of the program against the direct step, relative to max(1, |x|).
+    /// Largest |program − direct step| over x⁺, relative to max(1, |x⁺|).
     pub value_error: f64,
     /// Columns along which two smooth pieces meet at the point: their slopes to both sides differ, whatever the derivative says.
     pub kinks: usize,
@@ -62,7 +62,7 @@ pub struct Certificate {
 }
 
 impl Certificate {
-    /// Whether all three agree within `bounds`.
+    /// Whether all three agree within `bounds`, and the program with the step to 1e-12.
     pub fn holds(&self, bounds: CertificateBounds) -> bool {
         self.adjoint_error <= bounds.adjoint
             && self.difference_error <= bounds.difference
@@ -88,10 +88,13 @@ impl fmt::Display for Certificate {
     }
 }
 
-/// Certifies the Jacobian of one step with respect to state, input and parameters at a point.
+/// Compares three independent Jacobians of one step with respect to state, input and parameters at a point: by the adjoint program
+/// (reverse), by duals (forward) and by central differences (no derivative code), and the order of the Taylor remainder
+/// ‖f(z + hd) − f(z) − h J d‖, which is 2 for a right J. A kink at the point spoils differences, not derivatives: certify beside it.
 ///
 /// # Errors
-/// [`Error::Value`] if a length is wrong or the point or its image is not finite.
+/// [`Error::Value`] if a length is wrong or the point or its image is not finite; [`Error::Limit`](base::error::Error::Limit) if the
+/// recording is too large to compile.
 pub fn certify<F: System>(system: &F, state: &[f64], input: &[f64], parameters: &[f64]) -> Result<Certificate> {
     let (n, m, p) = (system.n_state(), system.n_input(), system.n_parameter());
     super::rollout::check_lengths(system, state, input, parameters)?;

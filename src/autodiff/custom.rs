@@ -65,11 +65,11 @@ pub trait CustomFunction: Send + Sync + 'static {
     fn n_input(&self) -> usize;
     /// Length of y.
     fn n_output(&self) -> usize;
-    /// `y` = f(`x`).
+    /// `y` = f(`x`), with x `[n_input]` and y `[n_output]`.
     fn value(&self, x: &[f64], y: &mut [f64]);
-    /// `dy` = J(`x`) `dx`.
+    /// `dy` = J(`x`) `dx`, with dx `[n_input]` and dy `[n_output]`.
     fn forward(&self, x: &[f64], dx: &[f64], dy: &mut [f64]);
-    /// `x_bar` = J(`x`)ᵀ `y_bar`.
+    /// `x_bar` = J(`x`)ᵀ `y_bar`, with y_bar `[n_output]` and x_bar `[n_input]`.
     fn reverse(&self, x: &[f64], y_bar: &[f64], x_bar: &mut [f64]);
 
     /// [`value`](Self::value) at points side by side, as blocks of environments have them. Here one by one; a function that answers
@@ -111,7 +111,7 @@ impl<'a> Points<'a> {
         Self { width, n, arguments, results }
     }
 
-    /// How many.
+    /// Number of points.
     pub fn len(&self) -> usize {
         self.n
     }
@@ -121,7 +121,7 @@ impl<'a> Points<'a> {
         self.n == 0
     }
 
-    /// Argument `k` of every point.
+    /// Argument `k` of every point, `[len]`.
     ///
     /// # Panics
     /// If there is no such argument.
@@ -135,7 +135,10 @@ impl<'a> Points<'a> {
         &mut self.results[k * self.width..][..self.n]
     }
 
-    /// Calls `f` with arguments and results of one point after the other, `n_argument` numbers of a point.
+    /// Calls `f` with arguments, `[n_argument]`, and results of one point after the other.
+    ///
+    /// # Panics
+    /// If points have fewer arguments.
     pub fn each(&mut self, n_argument: usize, f: impl FnMut(&[f64], &mut [f64])) {
         self.each_of(0..self.n, n_argument, f);
     }
@@ -179,7 +182,7 @@ struct Inner {
 }
 
 impl Operation {
-    /// An operation of a function.
+    /// An operation of a function, whose lengths are asked once, here.
     pub fn new(function: impl CustomFunction) -> Self {
         Self::from(Arc::new(function) as Arc<dyn CustomFunction>)
     }
@@ -209,12 +212,12 @@ impl Operation {
         self.0.n_output
     }
 
-    /// The operation [x; dx] → J(x) dx.
+    /// The operation [x; dx] → J(x) dx, of 2 n_input numbers.
     pub fn tangent(&self) -> &Self {
         self.0.tangent.get_or_init(|| Self::new(Tangent(self.0.function.clone())))
     }
 
-    /// The operation [x; ȳ] → J(x)ᵀ ȳ.
+    /// The operation [x; ȳ] → J(x)ᵀ ȳ, of n_input + n_output numbers.
     pub fn adjoint(&self) -> &Self {
         self.0.adjoint.get_or_init(|| Self::new(Adjoint(self.0.function.clone())))
     }

@@ -10,16 +10,16 @@ use base::error::Result;
 use nalgebra::{DMatrix, DVector};
 use num_dual::Dual64;
 
-/// A = ∂x⁺/∂x, B = ∂x⁺/∂u, C = ∂x⁺/∂θ and x⁺ itself.
+/// A = ∂x⁺/∂x, B = ∂x⁺/∂u, C = ∂x⁺/∂θ and x⁺ itself, of a step with n states, m inputs and p parameters.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Linearisation {
-    /// x⁺.
+    /// x⁺, n.
     pub next: DVector<f64>,
-    /// n × n.
+    /// A = ∂x⁺/∂x, n × n.
     pub state: DMatrix<f64>,
-    /// n × m.
+    /// B = ∂x⁺/∂u, n × m.
     pub input: DMatrix<f64>,
-    /// n × p.
+    /// C = ∂x⁺/∂θ, n × p.
     pub parameters: DMatrix<f64>,
 }
 
@@ -31,7 +31,7 @@ pub struct JacobianScratch {
 }
 
 impl JacobianScratch {
-    /// For one system.
+    /// For a system, or another of the same sizes.
     pub fn new<F: System>(system: &F) -> Self {
         let n = system.n_state() + system.n_input() + system.n_parameter();
         Self { arguments: vec![Dual64::from(0.0); n], next: vec![Dual64::from(0.0); system.n_state()] }
@@ -144,7 +144,8 @@ impl CompiledJacobian {
     /// The Jacobian at a point, column-major n × (n + m + p), without allocation.
     ///
     /// # Panics
-    /// If the three slices together, or `jacobian`, do not have the system's length.
+    /// If the three slices together have not n + m + p numbers, or `jacobian` not n (n + m + p). Where slices are cut among themselves is
+    /// not checked.
     pub fn evaluate(&mut self, state: &[f64], input: &[f64], parameters: &[f64], jacobian: &mut [f64]) {
         let (x, rest) = self.arguments.split_at_mut(state.len());
         let (u, theta) = rest.split_at_mut(input.len());
@@ -157,7 +158,7 @@ impl CompiledJacobian {
         }
     }
 
-    /// Instructions and multiplications per evaluation.
+    /// Number of instructions and multiplications per evaluation.
     pub fn len(&self) -> usize {
         match &self.way {
             Way::Rows(own) => own.0.len(),

@@ -20,7 +20,7 @@ pub struct Jet<S, const N: usize> {
 }
 
 impl<S: Scalar, const N: usize> Jet<S, N> {
-    /// A value that does not change with the variable.
+    /// A value that does not change with the variable; N ≥ 1, here and below.
     #[inline(always)]
     pub fn fixed(value: S) -> Self {
         let mut c = [S::zero(); N];
@@ -45,7 +45,10 @@ impl<S: Scalar, const N: usize> Jet<S, N> {
         self.coefficients[0]
     }
 
-    /// The `order`-th derivative, order! · c; 0 ≤ `order` < N.
+    /// The k-th derivative for k = `order`, k!·cₖ; 0 ≤ k < N.
+    ///
+    /// # Panics
+    /// If `order` is N or more.
     #[inline(always)]
     pub fn derivative(&self, order: usize) -> S {
         let mut factorial = 1.0;

@@ -194,8 +194,8 @@ impl<K: RegisterKernel> Kernel for (&mut K, usize) {
     }
 }
 
-/// The instructions that batches use on this processor, in one word. All but `scalar` fuse multiplication and addition, and give the
-/// same bits.
+/// The instructions that batches use on this processor: `avx512`, `avx2`, `neon` or `scalar`. All but `scalar` fuse multiplication and
+/// addition, and give the same bits.
 pub fn instruction_set() -> &'static str {
     match arch() {
         #[cfg(target_arch = "x86_64")]
@@ -208,7 +208,7 @@ pub fn instruction_set() -> &'static str {
     }
 }
 
-/// Number of `f32` lanes that batches use on this processor.
+/// Number of `f32` lanes that batches use on this processor: 16 (`avx512`), 8 (`avx2`), 4 (`neon`) or 1.
 pub fn lane_width() -> usize {
     struct Width;
     impl Kernel for Width {

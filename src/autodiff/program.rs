@@ -266,7 +266,7 @@ impl Program {
         self.why_interpreted().is_none()
     }
 
-    /// Why it does not.
+    /// Why [`evaluate_block`](Self::evaluate_block) interprets; `None` where it runs machine code.
     pub fn why_interpreted(&self) -> Option<WhyInterpreted> {
         self.code::<[f32; BLOCK]>(&self.codes.block).err()
     }
@@ -409,7 +409,7 @@ impl Program {
         sizes.max().unwrap_or(0)
     }
 
-    /// `outputs = f(inputs)` in `f64`, with the same operations in the same order as the recorded function.
+    /// `outputs = f(inputs)` in `f64`, `[n_output]` of `[n_input]`, with the same operations in the same order as the recorded function.
     ///
     /// # Panics
     /// If `inputs` or `outputs` are not of this program's sizes or the workspace has too few slots. One that another

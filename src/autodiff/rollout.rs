@@ -23,15 +23,20 @@ use std::sync::Arc;
 /// The gradient of a rollout's cost.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Gradient {
-    /// ∂J/∂x₀, n.
+    /// ∂J/∂x₀, `[n]`.
     pub state: Vec<f64>,
     /// ∂J/∂u, row-major `[T, m]`; empty if not asked for.
     pub inputs: Vec<f64>,
-    /// ∂J/∂θ, p.
+    /// ∂J/∂θ, `[p]`.
     pub parameters: Vec<f64>,
 }
 
 /// A system and an objective with their derived adjoints, ready to differentiate rollouts.
+///
+/// With xₖ₊₁ = f(xₖ, uₖ, θ) for k = 0 … T − 1, n states, m inputs and p parameters, the cost is J = Σₖ c(xₖ, uₖ, θ) + c_T(x_T, θ).
+/// Its gradient is found backwards: λ_T = ∂c_T/∂x, λₖ = ∂c/∂x + (∂f/∂x)ᵀ λₖ₊₁, ∂J/∂uₖ = ∂c/∂u + (∂f/∂u)ᵀ λₖ₊₁, summed likewise for
+/// θ, and ∂J/∂x₀ = λ₀ (Bryson and Ho 1975, section 2.2). States are kept up to 1 MiB, beyond that every √T-th and the others
+/// recomputed (Griewank 1992).
 ///
 /// ```
 /// # use omnidrones_autodiff::omnidrones;
@@ -243,7 +248,7 @@ impl<F: System, C: Objective> Rollout<F, C> {
         &self.objective
     }
 
-    /// Instructions and multiplications of a step's adjoint.
+    /// Number of instructions and multiplications of a step's adjoint.
     pub fn adjoint_len(&self) -> usize {
         match &self.step_adjoint {
             Adjoint::Chain(sweep) => sweep.len(),
@@ -275,10 +280,10 @@ impl<F: System, C: Objective> Rollout<F, C> {
         (self.system.n_state(), self.system.n_input(), self.system.n_parameter())
     }
 
-    /// The cost alone. `inputs` is row-major `[T, m]`.
+    /// The cost J alone. `state` is x₀, `[n]`; `inputs` row-major `[T, m]`; `parameters` `[p]`.
     ///
     /// # Panics
-    /// If a slice does not have the system's length, or `inputs` no multiple of it.
+    /// If `state` or `parameters` does not have the system's length, or `inputs` no multiple of it.
     pub fn cost(&self, state: &[f64], inputs: &[f64], parameters: &[f64]) -> f64 {
         let (n, m, p) = self.sizes();
         let Some(mut forward) = self.codes.forward([n, m, p], (inputs.len() / m.max(1)) as u64) else {
@@ -315,7 +320,7 @@ impl<F: System, C: Objective> Rollout<F, C> {
     /// The states x₀ … x_T, row-major `[T + 1, n]`.
     ///
     /// # Panics
-    /// As [`Rollout::cost`].
+    /// As [`Rollout::cost`], and for a system without inputs.
     pub fn trajectory(&self, state: &[f64], inputs: &[f64], parameters: &[f64]) -> Vec<f64> {
         let (n, m, p) = self.sizes();
         let mut states = state.to_vec();
@@ -339,7 +344,7 @@ impl<F: System, C: Objective> Rollout<F, C> {
     /// Cost and full gradient by the adjoint. `inputs` is row-major `[T, m]`.
     ///
     /// # Panics
-    /// As [`Rollout::cost`].
+    /// As [`Rollout::cost`], and for a system without inputs.
     pub fn gradient(&self, state: &[f64], inputs: &[f64], parameters: &[f64]) -> (f64, Gradient) {
         let (n, _, p) = self.sizes();
         let mut gradient = Gradient { state: vec![0.0; n], inputs: vec![0.0; inputs.len()], parameters: vec![0.0; p] };
@@ -347,10 +352,11 @@ impl<F: System, C: Objective> Rollout<F, C> {
         (cost, gradient)
     }
 
-    /// As [`Rollout::gradient`] into buffers of the caller; leaves out ∂J/∂u if `gradient.inputs` is empty.
+    /// As [`Rollout::gradient`] into buffers of the caller, `[n]`, `[T, m]` and `[p]`, and the cost; leaves out ∂J/∂u if
+    /// `gradient.inputs` is empty.
     ///
     /// # Panics
-    /// As [`Rollout::cost`], and if a buffer has the wrong length.
+    /// As [`Rollout::gradient`], and if a buffer has the wrong length.
     pub fn gradient_into(
         &self,
         scratch: &mut RolloutScratch,
@@ -362,7 +368,7 @@ impl<F: System, C: Objective> Rollout<F, C> {
         self.gradient_while(scratch, state, inputs, parameters, gradient, &mut || true).unwrap_or(f64::NAN)
     }
 
-    /// As [`Rollout::gradient_into`], given up where `goes_on`, which is asked every few hundred steps, says no: `None` then, and
+    /// As [`Rollout::gradient_into`], given up where `goes_on`, which is asked every 256 steps, returns false: `None` then, and
     /// `gradient` holds nothing of use.
     ///
     /// # Panics

@@ -29,7 +29,7 @@ pub fn norm<S: Scalar, const N: usize>(v: [S; N]) -> S {
     sqrt(squared_norm(v), SQUARED_NORM_FLOOR)
 }
 
-/// v/‖v‖; the zero vector maps to itself with slope 1e9, never to NaN.
+/// v/max(‖v‖, 1e-9): the zero vector maps to itself with slope 1e9, never to NaN.
 #[inline(always)]
 pub fn normalise<S: Scalar, const N: usize>(v: [S; N]) -> [S; N] {
     let scale = recip_sqrt(squared_norm(v), SQUARED_NORM_FLOOR);
@@ -40,14 +40,14 @@ pub fn normalise<S: Scalar, const N: usize>(v: [S; N]) -> [S; N] {
     unit
 }
 
-/// Angle of the point (x, y), with value and derivative 0 at the origin (closer than 1e-9).
+/// Angle of the point (x, y), rad, with value and derivative 0 at the origin (closer than 1e-9).
 #[inline(always)]
 pub fn atan2<S: Scalar>(y: S, x: S) -> S {
     let at_origin = (y * y + x * x).lt(S::constant(SQUARED_NORM_FLOOR));
     S::select(at_origin, S::zero(), y).atan2(S::select(at_origin, S::one(), x))
 }
 
-/// arccos of x held within [−1, 1]; derivative 0 within 1e-12 of either end, where the true one is infinite.
+/// arccos of x held within [−1, 1], rad; in `f64` derivative 0 within 1e-12 of either end, where the true one is infinite.
 #[inline(always)]
 pub fn acos<S: Scalar>(x: S) -> S {
     let end = 1.0 - 1e-12;
@@ -59,7 +59,7 @@ pub fn acos<S: Scalar>(x: S) -> S {
     S::select(at_minus_one, S::constant(std::f64::consts::PI), angle)
 }
 
-/// arcsin of x held within [−1, 1]; derivative 0 within 1e-12 of either end, where the true one is infinite.
+/// arcsin of x held within [−1, 1], rad; in `f64` derivative 0 within 1e-12 of either end, where the true one is infinite.
 #[inline(always)]
 pub fn asin<S: Scalar>(x: S) -> S {
     S::constant(std::f64::consts::FRAC_PI_2) - acos(x)

@@ -11,11 +11,11 @@ use std::ops::{Add, AddAssign, Div, Mul, MulAssign, Neg, Sub, SubAssign};
 
 /// The truth value of a comparison: a `bool` for single numbers, one bit per lane for lanes.
 pub trait Mask: Copy {
-    /// Both.
+    /// Where both hold.
     fn and(self, other: Self) -> Self;
-    /// Either.
+    /// Where at least one holds.
     fn or(self, other: Self) -> Self;
-    /// Neither.
+    /// Where it does not hold.
     fn not(self) -> Self;
 }
 
@@ -59,15 +59,15 @@ pub trait Scalar:
     fn constant(x: f64) -> Self;
     /// √x. Slope infinite at 0: see [`safe::sqrt`](super::safe::sqrt).
     fn sqrt(self) -> Self;
-    /// (sin x, cos x).
+    /// (sin x, cos x), x in rad; of lanes for |x| < 10⁴.
     fn sin_cos(self) -> (Self, Self);
-    /// eˣ.
+    /// eˣ; of lanes, x is held within [−87.3, 88.3].
     fn exp(self) -> Self;
-    /// Natural logarithm, for x > 0.
+    /// Natural logarithm of x > 0; of lanes NaN for any other x.
     fn ln(self) -> Self;
     /// Hyperbolic tangent.
     fn tanh(self) -> Self;
-    /// The angle of the point (`x`, `self`), in (−π, π]. Undefined slope at the origin: see
+    /// The angle of the point (`x`, `self`), rad, in (−π, π]. Undefined slope at the origin: see
     /// [`safe::atan2`](super::safe::atan2).
     fn atan2(self, x: Self) -> Self;
     /// `self < other`, lane by lane; derivatives play no part.

@@ -22,7 +22,7 @@ pub trait System: Sync {
 
 /// A cost Σₖ c(xₖ, uₖ, θ) + c_T(x_T, θ) along a trajectory.
 pub trait Objective: Sync {
-    /// c(x, u, θ), at the state before the step.
+    /// c(x, u, θ), at the state before the step; slices have the lengths of the [`System`].
     fn stage<S: Scalar>(&self, state: &[S], input: &[S], parameters: &[S]) -> S;
     /// c_T(x, θ), at the last state; 0 unless given.
     fn terminal<S: Scalar>(&self, _state: &[S], _parameters: &[S]) -> S {

@@ -33,12 +33,12 @@ impl Layer {
         Self { name: name.into(), text: None, table }
     }
 
-    /// Where it comes from.
+    /// Where it comes from, as messages name it.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// What it says.
+    /// Its settings.
     pub fn table(&self) -> &Table {
         &self.table
     }
@@ -78,7 +78,7 @@ pub fn merge(under: &mut Table, over: Table) {
     }
 }
 
-/// The settings of `layers`, each over those before it, all over `base`.
+/// The settings of `layers`, each over those before it, all over `base`; `base` alone without layers.
 ///
 /// # Errors
 /// [`Error::Format`] that names the first layer with which something cannot be read, line and column (of a table: the
@@ -95,7 +95,7 @@ pub fn read<T: DeserializeOwned>(base: Table, layers: &[Layer]) -> Result<T> {
     }
 }
 
-/// A value at a dotted path, as a table.
+/// A value at a dotted path, as a table: `at("a.b", x)` is `{ a = { b = x } }`. Every dot separates; quotes mean nothing.
 pub fn at(path: &str, value: Value) -> Table {
     let mut keys = path.rsplit('.');
     let last = keys.next().unwrap_or_default();

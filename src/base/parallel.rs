@@ -58,7 +58,10 @@ impl Threads {
         self.for_each_chunk(items, 1, |i, chunk| chunk.iter_mut().for_each(|item| work(i, item)));
     }
 
-    /// `work(chunk index, chunk)` for consecutive chunks of `size` items, in any order.
+    /// `work(chunk index, chunk)` for consecutive chunks of `size` items, the last one shorter, in any order.
+    ///
+    /// # Panics
+    /// If `size` is 0 and there are items.
     pub fn for_each_chunk<T: Send>(&self, items: &mut [T], size: usize, work: impl Fn(usize, &mut [T]) + Sync + Send) {
         if !items.is_empty() {
             self.for_each_part(Chunks { first: 0, items }, size, &|part| work(part.first / size, part.items));
@@ -66,6 +69,9 @@ impl Threads {
     }
 
     /// `work(part)` for parts of `size` items of something that can be cut in two, in any order. Allocates nothing.
+    ///
+    /// # Panics
+    /// If `size` is 0.
     pub fn for_each_part<P: Divide>(&self, whole: P, size: usize, work: &(dyn Fn(P) + Sync)) {
         match self.pool(whole.count().div_ceil(size)) {
             Some(pool) => pool.install(|| in_halves(whole, size, work)),
@@ -73,7 +79,7 @@ impl Threads {
         }
     }
 
-    /// `work(index)` for every index, results in order.
+    /// `work(index)` for every index from 0 to n − 1, results in order: `[n]`.
     pub fn map<T: Send>(&self, n: usize, work: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
         let mut results: Vec<Option<T>> = (0..n).map(|_| None).collect();
         self.for_each(&mut results, |i, result| *result = Some(work(i)));
@@ -152,7 +158,7 @@ impl Drop for Pool {
 pub trait Divide: Sized + Send {
     /// Number of items.
     fn count(&self) -> usize;
-    /// The first `at` items and the rest.
+    /// The first `at` items and the rest; `at` is at most [`count`](Self::count).
     fn divide(self, at: usize) -> (Self, Self);
 }
 

@@ -20,7 +20,7 @@ pub const LOST: f64 = 5.0;
 /// One instant of a flight. Rotor slices have one entry per rotor of the log.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FlightSample<'a> {
-    /// s.
+    /// Time of the flight, s.
     pub time: f64,
     /// World, m.
     pub position: [f64; 3],
@@ -64,7 +64,7 @@ pub struct Commanded {
 pub struct FlightLog {
     /// For titles.
     pub vehicle: String,
-    /// Ω_max of each rotor, rad/s; NaN where nobody knows it.
+    /// Ω_max, rad/s, `[rotor]`; NaN where it is not known.
     pub max_rotor_speed: Vec<f64>,
     /// s.
     pub time: Vec<f64>,
@@ -84,20 +84,20 @@ pub struct FlightLog {
     pub reference_acceleration: Vec<[f64; 3]>,
     /// rad.
     pub reference_yaw: Vec<f64>,
-    /// rad/s.
+    /// rad/s, `[sample, rotor]`.
     pub rotor_speed: Vec<f64>,
-    /// Commanded speed, rad/s.
+    /// Commanded speed, rad/s, `[sample, rotor]`.
     pub rotor_command: Vec<f64>,
-    /// N.
+    /// N, `[sample, rotor]`.
     pub thrust: Vec<f64>,
     /// World, m/s.
     pub wind: Vec<[f64; 3]>,
-    /// (roll, pitch, yaw) that were asked apart from the force, rad; empty where the force chose the attitude.
+    /// (roll, pitch, yaw) that were asked apart from the force, rad, one per sample; empty where the force chose the attitude.
     pub asked_angles: Vec<[f64; 3]>,
     /// Body → world at yaw 0, `[w, x, y, z]`, of a [hover](dynamics::HoverTrim) that leans: tilt, heading and what the reference
-    /// asks are told from there. `None` of one that is level, and where nobody knows it.
+    /// asks are measured from there. `None` for one that is level, and where it is not known.
     pub hover_attitude: Option<[f64; 4]>,
-    /// Of a cascade; empty where what flew has no such levels.
+    /// Commands between the levels of a cascade, one per sample; empty where the controller has no such levels.
     pub commanded: Vec<Commanded>,
     /// What sensors read but for cameras and lidars, by name and unit; empty without any.
     pub sensor_channels: Vec<Quantity>,
@@ -110,7 +110,7 @@ pub struct FlightLog {
 /// The key figures of a flight.
 ///
 /// An RMSE is `None` (`null`) when no sample lies in its window or one of them is not finite: a mean over the rest
-/// would hide a divergence. Maxima are over the finite samples; `non_finite_samples` says how many are not.
+/// would hide a divergence. Maxima are over the finite samples, `None` without any; `non_finite_samples` says how many are not.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FlightSummary {
     /// Name of the vehicle.
@@ -137,9 +137,9 @@ pub struct FlightSummary {
     pub heading_rmse: Option<f64>,
     /// Largest heading error for t ≥ `rmse_after`, rad.
     pub max_heading_error: Option<f64>,
-    /// Share of rotor commands at Ω_max or at the idle floor, 0 to 1.
+    /// Share of rotor commands at Ω_max or at the idle floor, 0 to 1: [`FlightLog::saturation_share`].
     pub saturation: Option<f64>,
-    /// Samples with a position, velocity, attitude or reference that is not finite.
+    /// Samples with a position, velocity, attitude or reference position that is not finite.
     pub non_finite_samples: usize,
 }
 
@@ -171,7 +171,10 @@ impl FlightLog {
         self.max_rotor_speed.len()
     }
 
-    /// Appends a sample. Non-finite values are kept: they tell where a flight diverged.
+    /// Appends a sample. Non-finite values are kept: they show where a flight diverged.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for a rotor slice that has not one entry per rotor; nothing is appended then.
     pub fn push(&mut self, sample: FlightSample<'_>) -> Result<()> {
         let n = self.n_rotor();
         for (what, column) in
@@ -213,19 +216,19 @@ impl FlightLog {
         self.tracking_error().iter().map(norm).collect()
     }
 
-    /// √(mean ‖p − p_ref‖²) over t ≥ `after`, m; `None` when no sample is there or one of them is not finite.
+    /// √(mean ‖p − p_ref‖²) over t ≥ `after` (s), m; `None` when no sample is there or one of them is not finite.
     pub fn rmse(&self, after: f64) -> Option<f64> {
         let errors = self.error_norm();
         rms(self.time.iter().zip(errors).filter(|(t, _)| t.is_nan() || **t >= after).map(|(_, e)| e))
     }
 
-    /// Largest finite ‖p − p_ref‖ over t ≥ `after`, m.
+    /// Largest finite ‖p − p_ref‖ over t ≥ `after` (s), m; `None` without one.
     pub fn max_error(&self, after: f64) -> Option<f64> {
         let late = self.time.iter().zip(self.error_norm()).filter(|(t, _)| **t >= after);
         largest(late.map(|(_, e)| e))
     }
 
-    /// Since when ‖p − p_ref‖ has been above [`LOST`] until the end, s; `None` where it is not in the end.
+    /// Since when ‖p − p_ref‖ has been above [`LOST`], or not finite, until the end, s; `None` where it is not in the end.
     pub fn lost_at(&self) -> Option<f64> {
         let found = self.error_norm().iter().rposition(|e| *e <= LOST);
         self.time.get(found.map_or(0, |i| i + 1)).copied()
@@ -236,7 +239,7 @@ impl FlightLog {
         self.velocity.iter().map(norm).collect()
     }
 
-    /// Largest finite ‖v‖, m/s.
+    /// Largest finite ‖v‖, m/s; `None` without one.
     pub fn max_speed(&self) -> Option<f64> {
         largest(self.speed().into_iter())
     }
@@ -247,7 +250,7 @@ impl FlightLog {
         self.attitude.iter().map(move |q| back.map_or(*q, |back| multiply(*q, back)))
     }
 
-    /// Angle between world z and what points up in hover per sample, rad: body z, but of a vehicle that leans.
+    /// Angle between world z and the axis that points up in hover per sample, rad, 0 to π: body z, but of a vehicle that leans.
     pub fn tilt(&self) -> Vec<f64> {
         let angle = |q: Quat<f64>| {
             let z = up_axis(q);
@@ -256,7 +259,7 @@ impl FlightLog {
         self.attitude_from_hover().map(angle).collect()
     }
 
-    /// Largest finite tilt, rad.
+    /// Largest finite [tilt](Self::tilt), rad; `None` without one.
     pub fn max_tilt(&self) -> Option<f64> {
         largest(self.tilt().into_iter())
     }
@@ -281,8 +284,8 @@ impl FlightLog {
         pairs.map(error).collect()
     }
 
-    /// Share of rotor commands at or beyond Ω_max or the idle floor 0.01 Ω_max (to 1e-6 of Ω_max); `None` without rotors and
-    /// where an Ω_max is not known.
+    /// Share of rotor commands at or beyond Ω_max or the idle floor 0.01 Ω_max (to 1e-6 of Ω_max), 0 to 1; `None` without rotors or
+    /// samples and where an Ω_max is not known.
     pub fn saturation_share(&self) -> Option<f64> {
         let n = self.n_rotor();
         if n == 0 || self.rotor_command.is_empty() || self.max_rotor_speed.iter().any(|most| most.is_nan()) {
@@ -297,13 +300,13 @@ impl FlightLog {
         Some(count as f64 / self.rotor_command.len() as f64)
     }
 
-    /// Rotor `i` of a row-major rotor column, as (time, value).
+    /// Rotor `i`, less than [`n_rotor`](Self::n_rotor), of a row-major rotor column `[sample, rotor]` of this log, as (time in s, value).
     pub fn rotor_history(&self, column: &[f64], i: usize) -> Vec<(f64, f64)> {
         let n = self.n_rotor().max(1);
         self.time.iter().copied().zip(column.iter().copied().skip(i).step_by(n)).collect()
     }
 
-    /// (roll, pitch, yaw) per sample, rad.
+    /// (roll, pitch, yaw) of the body per sample, rad: R = Rz(yaw) Ry(pitch) Rx(roll).
     pub fn euler_angles(&self) -> Vec<[f64; 3]> {
         self.attitude.iter().map(|q| to_euler(*q)).collect()
     }
@@ -336,7 +339,7 @@ impl FlightLog {
         self.commanded.iter().map(|c| to_euler(c.attitude)).collect()
     }
 
-    /// Key figures, with the RMSE over t ≥ `after`.
+    /// Key figures; errors of position and heading over t ≥ `after` (s).
     pub fn summary(&self, after: f64) -> FlightSummary {
         let duration = match (self.time.first(), self.time.last()) {
             (Some(first), Some(last)) => last - first,
@@ -397,7 +400,7 @@ impl FlightLog {
         header
     }
 
-    /// About how many bytes [`write_csv`](Self::write_csv) writes, by some of its rows.
+    /// About how many bytes [`write_csv`](Self::write_csv) writes, estimated from at most 16 of its rows.
     pub fn csv_size(&self) -> u64 {
         csv_size(&self.csv_header(), self.len(), |i, row| self.csv_row(i, row))
     }
@@ -428,7 +431,7 @@ impl FlightLog {
         row.extend_from_slice(&self.sensor_readings[i * width..(i + 1) * width]);
     }
 
-    /// The columns of the CSV by name, units in brackets.
+    /// The columns of the CSV: name with its unit in brackets, then one number per sample.
     pub fn columns(&self) -> Vec<(String, Vec<f64>)> {
         let mut columns: Vec<_> =
             self.csv_header().into_iter().map(|name| (name, Vec::with_capacity(self.len()))).collect();
@@ -442,6 +445,9 @@ impl FlightLog {
 
     /// Writes the log as CSV: one header line with units, one line per sample, numbers that read back to the same bits
     /// (`NaN`, `inf`, `-inf` where not finite). The file appears whole or not at all.
+    ///
+    /// # Errors
+    /// [`Error::File`] where the file cannot be written.
     pub fn write_csv(&self, path: impl AsRef<Path>) -> Result<()> {
         write_rows(path.as_ref(), &self.csv_header(), self.len(), |i, row| self.csv_row(i, row))
     }

@@ -11,7 +11,8 @@ const MAX_BYTES: u64 = 1 << 28;
 
 impl FlightLog {
     /// The flight in a file of [`write_csv`](Self::write_csv), whatever order its columns have; others are passed over. The file
-    /// does not tell the vehicle's name and the limits of its rotors: they are empty and NaN.
+    /// does not tell the vehicle's name and the limits of its rotors: they are empty and NaN. Readings of sensors, asked angles and a
+    /// leaning hover's attitude are not read back.
     ///
     /// # Errors
     /// [`Error::File`], [`Error::Limit`] above 256 MiB, and [`Error::Format`] for a file without a column or a sample, for

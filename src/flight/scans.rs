@@ -9,11 +9,11 @@ use std::path::Path;
 /// [`FlightLog`](super::FlightLog) have one per step.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scans {
-    /// The sensor's.
+    /// Name of the sensor.
     pub sensor: String,
-    /// How the numbers of a row lie about each other.
+    /// Shape of a row: an image or a scan.
     pub layout: ReadingLayout,
-    /// Their names and units.
+    /// Names and units of the numbers of a row.
     pub channels: Vec<Quantity>,
     /// When each row was first read, which is the sensor's latency after it was taken, s.
     pub time: Vec<f64>,
@@ -40,7 +40,10 @@ impl Scans {
         self.time.is_empty()
     }
 
-    /// The numbers of reading `i`, in the order of the channels.
+    /// The numbers of reading `i`, `[channel]`.
+    ///
+    /// # Panics
+    /// If there is no such reading.
     pub fn row(&self, i: usize) -> &[f64] {
         let n = self.channels.len();
         &self.readings[i * n..(i + 1) * n]
@@ -64,7 +67,7 @@ impl Scans {
         row.extend_from_slice(self.row(i));
     }
 
-    /// About how many bytes [`write_csv`](Self::write_csv) writes, by some of its rows.
+    /// About how many bytes [`write_csv`](Self::write_csv) writes, estimated from at most 16 of its rows.
     pub fn csv_size(&self) -> u64 {
         super::csv_size(&self.csv_header(), self.len(), |i, row| self.csv_row(i, row))
     }

@@ -36,6 +36,9 @@ use rand_chacha::rand_core::{Rng, SeedableRng};
 use serde::{Deserialize, Serialize};
 
 /// What a stream is drawn for. Streams of different purposes share nothing.
+///
+/// The number is the last quarter of a stream's key: 0 to 8 are the named ones, 2³² + n is [`user`](Self::user)`(n)`, and those of
+/// [`sensor`](Self::sensor) begin at 2⁶³.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Purpose(pub u64);
@@ -73,7 +76,8 @@ impl Purpose {
     }
 }
 
-/// A reproducible sequence of random numbers; see the module for why there are many.
+/// A reproducible sequence of random numbers: ChaCha8 with the 256-bit key [seed, environment, episode, purpose], read as 32-bit words.
+/// See the [module](self) for why there are many.
 ///
 /// Saved (by serde, or [`key`](Self::key) and [`position`](Self::position)) and restored, it continues with the same
 /// bits: nothing is cached between draws.
@@ -88,7 +92,7 @@ impl Stream {
         Self::restore([seed, environment, episode, purpose.0], 0)
     }
 
-    /// The stream with this key, after `position` 32-bit words.
+    /// The stream with this [`key`](Self::key), after [`position`](Self::position) 32-bit words.
     pub fn restore(key: [u64; 4], position: u64) -> Self {
         let mut bytes = [0; 32];
         for (chunk, word) in bytes.chunks_exact_mut(8).zip(key) {
@@ -121,17 +125,17 @@ impl Stream {
         self.generator.next_u64()
     }
 
-    /// Uniform in [0, 1): the upper 53 bits of one draw.
+    /// Uniform in [0, 1): the upper 53 bits of one draw (2 words).
     pub fn unit(&mut self) -> f64 {
         unit(self.next_u64())
     }
 
-    /// Uniform in [`lo`, `hi`]; `hi` itself only by rounding.
+    /// Uniform in [`lo`, `hi`]: lo + (hi − lo) u with u of [`unit`](Self::unit) (2 words); `hi` itself only by rounding.
     pub fn uniform(&mut self, lo: f64, hi: f64) -> f64 {
         lo + (hi - lo) * self.unit()
     }
 
-    /// Uniform in 0..`n` for n ≥ 1 (0 for n = 0), by the high half of a 128-bit product; bias below n/2⁶⁴.
+    /// Uniform in 0..`n` for n ≥ 1 (0 for n = 0), by the high half of a 128-bit product (2 words); bias below n/2⁶⁴.
     pub fn below(&mut self, n: u64) -> u64 {
         below(self.next_u64(), n)
     }

@@ -106,7 +106,7 @@ impl<R: Row> Executable<R> {
         self.code.is_ok()
     }
 
-    /// Why it is interpreted; nothing where it is machine code.
+    /// Why it is interpreted; `None` where it is machine code.
     pub fn why_interpreted(&self) -> Option<WhyInterpreted> {
         self.code.as_ref().err().copied()
     }

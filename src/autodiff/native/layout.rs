@@ -14,9 +14,9 @@ pub const MAX_ROWS: usize = 1 << 22;
 /// A row of an array.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Place {
-    /// Which array.
+    /// Number of the array, 0 to 5.
     pub array: u8,
-    /// Which of its rows.
+    /// Number of the row in it, from 0.
     pub row: u32,
 }
 
@@ -57,8 +57,8 @@ impl RowLayout {
     /// Arguments and results at these places.
     ///
     /// # Errors
-    /// [`Error::Value`] where two results share a place, [`Error::Limit`] for an array behind the sixth and a row behind
-    /// [`MAX_ROWS`].
+    /// [`Error::Value`] where two results share a place, [`Error::Limit`] for an array above 5 and for a row of 2²² or above
+    /// ([`MAX_ROWS`]).
     pub fn new(arguments: Vec<Place>, results: Vec<Place>) -> Result<Self> {
         let places = || arguments.iter().chain(&results);
         let n_array = places().map(|place| usize::from(place.array) + 1).max().unwrap_or(0);
@@ -120,12 +120,12 @@ impl RowLayout {
         self.is_written[array]
     }
 
-    /// Where each argument is read.
+    /// Where each argument is read, in the order of the program's inputs.
     pub fn arguments(&self) -> &[Place] {
         &self.arguments
     }
 
-    /// Where each result is written.
+    /// Where each result is written, in the order of the program's results.
     pub fn results(&self) -> &[Place] {
         &self.results
     }

@@ -78,9 +78,9 @@ pub enum WhyInterpreted {
     /// The system gave no executable memory.
     #[cfg(target_os = "linux")]
     Refused(rustix::io::Errno),
-    /// More than [`MAX_STEPS`] values, numbers of calls or results, or than [`MAX_ROWS`] rows.
+    /// More than 2²⁰ values, numbers of calls or results, or than 2²² rows ([`MAX_STEPS`], [`MAX_ROWS`]).
     TooLarge,
-    /// [`MAX_CODE`] bytes of code are alive.
+    /// Code of this process takes 512 MiB ([`MAX_CODE`]).
     Full,
 }
 
@@ -104,6 +104,9 @@ impl fmt::Display for WhyInterpreted {
 }
 
 /// Whether machine code may be made here, as far as that is known without making any.
+///
+/// # Errors
+/// [`Off`](WhyInterpreted::Off), [`System`](WhyInterpreted::System) or [`Processor`](WhyInterpreted::Processor).
 pub fn availability() -> Result<(), WhyInterpreted> {
     static SWITCH: OnceLock<bool> = OnceLock::new();
     let is_off = *SWITCH.get_or_init(|| {
