@@ -21,7 +21,8 @@ impl Domain {
         matches!(self, Self::Positive | Self::NonNegative)
     }
 
-    /// Whether a number may be `x`, also where it becomes an `f32`.
+    /// Whether a number may be `x`: finite and as [`rule`](Self::rule) says; a positive one is above 1.18e-38, so that it stays so in
+    /// `f32`. That a unit vector has length 1 is not seen by one component.
     pub fn allows(self, x: f64) -> bool {
         match self {
             Self::Positive => x > f64::from(f32::MIN_POSITIVE) && x.is_finite(),

@@ -15,13 +15,16 @@ use serde::{Deserialize, Serialize};
 /// Most vehicles of one fleet: each feels every other.
 pub(crate) const MAX_VEHICLES: usize = 256;
 
-/// Shape of the wakes, see `aero::downwash`.
+/// Shape of the wakes, after OmniDrones.
+///
+/// A source with thrust vector T (N, world; direction T̂) pushes a vehicle by F = −a T. With d = p_source − p_vehicle (m, world), z = d·T̂
+/// and r = ‖d − z T̂‖, a = exp(−½ (k_r r/z)²)/(1 + k_z z)² below the source, fades out close to it, and is 0 above.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Downwash {
-    /// k_r ≥ 0: how narrow the cone is.
+    /// k_r ≥ 0: how narrow the cone is; default 2.
     pub radial: f64,
-    /// k_z ≥ 0, 1/m: how fast the wake weakens.
+    /// k_z ≥ 0, 1/m: how fast the wake weakens; default 0.3.
     pub axial: f64,
 }
 
@@ -70,7 +73,7 @@ impl Fleet {
     /// These vehicles; `None` leaves the downwash out.
     ///
     /// # Errors
-    /// [`Error::Limit`] for none or more than `MAX_VEHICLES`; [`Error::Value`] when a vehicle, the physics or the
+    /// [`Error::Limit`] for no vehicle or more than 256; [`Error::Value`] when a vehicle, the physics or the
     /// downwash are not valid.
     pub fn new(vehicles: &[Vehicle], physics: Physics, downwash: Option<Downwash>) -> Result<Self> {
         Self::check_count(vehicles.len())?;
@@ -104,7 +107,7 @@ impl Fleet {
         self.downwash
     }
 
-    /// Hover of each vehicle at its position, see [`Multirotor::hover_state`].
+    /// Hover of each vehicle at its position (m, world), vehicle by vehicle, see [`Multirotor::hover_state`].
     ///
     /// # Errors
     /// [`Error::Value`] if a vehicle cannot hover or there is not one position per vehicle.
@@ -117,7 +120,7 @@ impl Fleet {
         Ok(states?.concat())
     }
 
-    /// Rotor actions that hold each vehicle's hover in undisturbed air.
+    /// Rotor actions that hold each vehicle's hover in undisturbed air, vehicle by vehicle as the input of the fleet.
     ///
     /// # Errors
     /// [`Error::Value`] if a vehicle cannot hover.

@@ -9,18 +9,18 @@ pub const FRAME: usize = 13;
 /// Motion of a body's origin along world axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Frame<S> {
-    /// m.
+    /// m, world.
     pub position: Vec3<S>,
-    /// m/s.
+    /// m/s, world.
     pub velocity: Vec3<S>,
-    /// Body → world.
+    /// `[w, x, y, z]`, body → world.
     pub attitude: Quat<S>,
     /// rad/s, along **world** axes.
     pub angular_velocity: Vec3<S>,
 }
 
 impl<S: Scalar> Frame<S> {
-    /// Of a vehicle alone, from its state: there the angular velocity is along body axes.
+    /// Of a vehicle alone, from the first 13 numbers of its state, whose angular velocity is along body axes.
     #[inline]
     pub fn of_vehicle(state: &[S]) -> Self {
         let mut frame = Self::read(state);
@@ -28,27 +28,30 @@ impl<S: Scalar> Frame<S> {
         frame
     }
 
-    /// From 13 numbers.
+    /// From the first 13 numbers of a slice: position, velocity, attitude, angular velocity.
+    ///
+    /// # Panics
+    /// If there are fewer.
     #[inline]
     pub fn read(x: &[S]) -> Self {
         Self { position: x.array(0), velocity: x.array(3), attitude: x.array(6), angular_velocity: x.array(10) }
     }
 
-    /// As 13 numbers.
+    /// As 13 numbers in the order of [`read`](Self::read), as far as the slice reaches.
     #[inline]
     pub fn write(&self, out: &mut [S]) {
         let parts: [&[S]; 4] = [&self.position, &self.velocity, &self.attitude, &self.angular_velocity];
         out.iter_mut().zip(parts.into_iter().flatten()).for_each(|(out, number)| *out = *number);
     }
 
-    /// Position and velocity of a point fixed in the body, world.
+    /// Position (m) and velocity (m/s) of the point `local` (m, body) that is fixed in the body, world: p + R r, v + ω × R r.
     #[inline]
     pub fn point(&self, local: Vec3<S>) -> (Vec3<S>, Vec3<S>) {
         let lever = rotate(self.attitude, local);
         (add(self.position, lever), add(self.velocity, cross(self.angular_velocity, lever)))
     }
 
-    /// R e_x, world.
+    /// Body x along world axes, R e_x.
     #[inline]
     pub fn heading(&self) -> Vec3<S> {
         let [w, x, y, z] = self.attitude;
@@ -56,13 +59,13 @@ impl<S: Scalar> Frame<S> {
         [one - two * y.mul_add(y, z * z), two * x.mul_add(y, w * z), two * x.mul_add(z, -(w * y))]
     }
 
-    /// R e_z, world.
+    /// Body z along world axes, R e_z.
     #[inline]
     pub fn up(&self) -> Vec3<S> {
         up_axis(self.attitude)
     }
 
-    /// Of the heading, rad.
+    /// Angle of the [heading](Self::heading) in the world's xy plane, rad, in (−π, π]; 0 where body x is vertical.
     #[inline]
     pub fn yaw(&self) -> S {
         let [x, y, _] = self.heading();

@@ -38,9 +38,14 @@ impl Vehicle {
         0.25 / self.rotors.iter().map(slowest).fold(f64::MIN_POSITIVE, f64::max)
     }
 
-    /// Gains from inertia, motor lag and authority; see the [module](self) for the equations.
+    /// Gains from inertia, motor lag and authority.
     ///
-    /// Axes are those in which it hovers level ([`Vehicle::upright`]). One about which no rotor has a moment gets zero gains: there is nothing to control it with.
+    /// Attitude: K_R = J ω², K_ω = 2 J ω per axis, for the damping 1 of J ė̇ + K_ω ė + K_R e = 0. The bandwidth ω is at most
+    /// [`bandwidth_limit`](Self::bandwidth_limit), half of it about yaw, and such that an error of 1 rad asks for no more moment than the
+    /// rotors have to spare at hover. Position: ω_p = ω/4 of the slower of roll and pitch, K_p = ω_p², K_v = 2 ω_p.
+    ///
+    /// Axes are those in which it hovers level ([`Vehicle::upright`]). One about which no rotor has a moment gets zero gains: there is
+    /// nothing to control it with.
     pub fn derived_gains(&self) -> Gains {
         let vehicle = self.upright();
         let total = vehicle.mass_properties();

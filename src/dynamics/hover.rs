@@ -8,13 +8,13 @@
 //!
 //! (a motor that is commanded to stand idles at a hundredth of its speed).
 //!
-//! A vehicle hovers level where it can without stopping rotors. A crooked rotor, props that are pitched forward or a base frame that is not level
-//! make it lean: R turns d = F T/‖F T‖ upright, without a heading.
+//! A vehicle hovers level where it can without stopping rotors. A crooked rotor, props that are pitched forward or a base frame that is
+//! not level make it lean: R turns d = F T/‖F T‖ upright, without a heading.
 //!
 //! Of many solutions the first of these is taken whose reserve is at least half of the largest: level with least ‖T‖; level with
 //! the largest reserve; leaning with least ‖T‖, which is the strongest direction of F on the null space of M; leaning as with the
-//! largest reserve, with least ‖T‖; leaning with the largest reserve. The reserve is the share of its T_max that the tightest rotor keeps to either limit; half of it steers about as
-//! well, and a stopped rotor does not steer.
+//! largest reserve, with least ‖T‖; leaning with the largest reserve. The reserve is the share of its T_max that the tightest rotor keeps
+//! to either limit; half of it steers about as well, and a stopped rotor does not steer.
 
 use super::authority::characteristic_length;
 use super::rotor::LEAST_THRUST;
@@ -42,16 +42,16 @@ const TURNS: usize = 30;
 /// Most steps of a decomposition; matrices of sixteen columns take a few dozen.
 const MOST_STEPS: usize = 10_000;
 
-/// A hover of a vehicle.
+/// A hover of a vehicle: an attitude and thrusts at which force and moment vanish.
 #[derive(Debug, Clone, PartialEq)]
 pub struct HoverTrim {
     /// Body → world, `[w, x, y, z]`, at yaw 0; exactly the identity where the vehicle hovers level.
     pub attitude: Quat<f64>,
-    /// Of each rotor, N.
+    /// Thrust of each rotor, N, `[n_rotor]`.
     pub thrusts: Vec<f64>,
     /// Least share of its largest thrust that a rotor keeps to either limit, 0 to ½.
     pub reserve: f64,
-    /// The rotor that keeps it.
+    /// Number of the rotor that keeps it.
     pub tightest: usize,
     /// Σ T n over the weight, body axes: what points up.
     pub up: [f64; 3],
@@ -70,7 +70,12 @@ impl HoverTrim {
 }
 
 impl Vehicle {
-    /// The hover of a vehicle; see the [module](self) for which, where there are many.
+    /// The hover of a vehicle: R and T with R F T = m g e_z, M T = 0 and 10⁻⁴ T_max ≤ T ≤ T_max, where F and M are the forces and the
+    /// moments about the centre of mass of unit thrusts, body axes.
+    ///
+    /// Of many solutions the first of these is taken whose [reserve](HoverTrim::reserve) is at least half of the largest: level with
+    /// least ‖T‖; level with the largest reserve; leaning with least ‖T‖; leaning as with the largest reserve, with least ‖T‖; leaning
+    /// with the largest reserve.
     ///
     /// # Errors
     /// [`Error::Value`] if there is none: with the axes that its rotors do not turn apart, else with the row that cannot be met, and
@@ -102,8 +107,8 @@ impl Vehicle {
         }
     }
 
-    /// The largest lift without a moment over the weight: of all thrusts within their limits that push where those of hover do. It is
-    /// [`thrust_to_weight`](Self::thrust_to_weight) where all rotors push up and reach their limit together, less else.
+    /// The largest lift without a moment, as a multiple of the weight: of all thrusts within their limits that push where those of hover
+    /// do. It is [`thrust_to_weight`](Self::thrust_to_weight) where all rotors push up and reach their limit together, less else.
     ///
     /// # Errors
     /// As [`hover`](Self::hover).

@@ -17,8 +17,8 @@ pub enum Integrator {
     #[default]
     #[serde(rename = "rk4")]
     RungeKutta4,
-    /// First order, half the work: ω by one Newton step of the implicit gyroscopic equation in the body frame, then
-    /// velocity, then position and attitude with the new ones.
+    /// Semi-implicit Euler, first order, half the work: ω by one Newton step of the implicit gyroscopic equation in the body frame,
+    /// J(ω⁺ − ω) + h ω⁺ × (Jω⁺ + H) = h M with the substep h (Catto 2015), then velocity, then position and attitude with the new ones.
     SemiImplicit,
 }
 

@@ -13,9 +13,9 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Physics {
-    /// Seconds per step; commands are held within it.
+    /// Seconds per step, 1e-9 to 1, default 0.002; commands are held within it.
     pub dt: f64,
-    /// Integrator steps per step.
+    /// Integrator steps per step, 1 to 1000, default 1.
     pub substeps: usize,
     /// How each is integrated.
     pub integrator: Integrator,
@@ -35,6 +35,9 @@ impl Physics {
     pub const SHORTEST: f64 = 1e-9;
 
     /// Checks dt in (0, 1] s, not below [`Physics::SHORTEST`], and 1 to 1000 substeps.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for dt, [`Error::Limit`] for the substeps.
     pub fn validate(&self) -> Result<()> {
         finite("dt", &[self.dt])?;
         let remedy = "2 ms suits control design, 16 ms the benchmark tasks.";
@@ -80,11 +83,18 @@ impl AnyModel {
     }
 }
 
-/// One vehicle under given physics.
+/// One vehicle under given physics, in closed form (Mahony, Kumar and Corke 2012, with the rotors' angular momentum). At the centre of
+/// mass c, with thrusts Tᵢ = k_f Ωᵢ² along nᵢ at rᵢ, H = Σ σᵢ I_p Ωᵢ nᵢ and the optional [`Effects`] F, M:
 ///
-/// State: 13 + n numbers, see [`RigidState`]. Input: n rotor actions in [−1, 1] (clipped), then the nine numbers of a
-/// [`Disturbance`] if that effect is on. Parameters: none, or with [`Multirotor::with_parameters`] the vector of
-/// [`parameter_vector`].
+/// ```text
+/// m v̇ = R Σ Tᵢ nᵢ + m g + F
+/// J ω̇ = Σ ((rᵢ − c) × Tᵢ nᵢ − σᵢ κᵢ Tᵢ nᵢ) − ω × Jω − Ḣ − ω × H + M
+/// Ω_cmd = Ω_max √max((a + 1)/2, 10⁻⁴)      Ω̇ = (Ω_cmd − Ω)/τ
+/// ```
+///
+/// State: 13 + n numbers, see [`RigidState`]. Input: n rotor actions a in [−1, 1] (clipped), then the nine numbers of a
+/// [`Disturbance`] if that effect is on. Parameters: none, or with [`Multirotor::with_parameters`] 20 + 16 n physical numbers, see
+/// [`parameters`](Self::parameters).
 #[derive(Debug, Clone)]
 pub struct Multirotor {
     vehicle: Vehicle,
@@ -131,7 +141,8 @@ impl Multirotor {
         self
     }
 
-    /// Nominal physical parameters: [`parameter_vector`] of the vehicle.
+    /// Nominal physical parameters, `[20 + 16 n]` in SI units: gravity, mass, center_of_mass 3, inertia xx yy zz xy xz yz, linear,
+    /// quadratic and angular drag 3 each, then sixteen per rotor ([`parameter_vector`]).
     pub fn parameters(&self) -> Vec<f64> {
         parameter_vector(&self.vehicle)
     }
@@ -146,7 +157,7 @@ impl Multirotor {
         &self.physics
     }
 
-    /// Hover at `position` with yaw 0: attitude and rotor speeds of [`Vehicle::hover`].
+    /// Hover with the base origin at `position` (m, world) and yaw 0: attitude and rotor speeds of [`Vehicle::hover`], `[13 + n]`.
     ///
     /// # Errors
     /// [`Error::Value`] if the vehicle cannot hover.
@@ -161,7 +172,7 @@ impl Multirotor {
         Ok(x)
     }
 
-    /// Rotor actions that hold hover, with no disturbance.
+    /// Rotor actions in [−1, 1] that hold hover, with no disturbance, `[n_input]`.
     ///
     /// # Errors
     /// [`Error::Value`] if the vehicle cannot hover.
@@ -217,7 +228,7 @@ impl Multirotor {
         step(&model, effects, self.physics.grid(), &x, &action, &air).write(next);
     }
 
-    /// ẋ = f(x, u, θ) in continuous time: what a step integrates. `rate` has the layout of the state.
+    /// ẋ = f(x, u, θ) in continuous time: what a step integrates. `rate` has the layout and length of the state, in its units per second.
     pub fn derivative<S: Scalar>(&self, state: &[S], input: &[S], parameters: &[S], rate: &mut [S]) {
         match &self.model {
             AnyModel::Four(m) => self.derivative_padded(m, state, input, parameters, rate),
@@ -237,7 +248,7 @@ impl Multirotor {
         model.derivative(&x, &action, &air, self.effects).write(rate);
     }
 
-    /// Drag of airframe and rotors in a state, `[force; moment]` about the centre of mass, body frame: the effects that
+    /// Drag of airframe and rotors in a state, `[force; moment]` about the centre of mass, N and N m, body frame: of the effects that
     /// are on, the rolling moment among them.
     pub fn drag_wrench<S: Scalar>(&self, state: &[S], input: &[S], parameters: &[S]) -> [S; 6] {
         match &self.model {

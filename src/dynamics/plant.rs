@@ -42,9 +42,9 @@ impl Quantity {
 /// Where the numbers of one rotor stand.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RotorPlace {
-    /// Of its speed in the state.
+    /// Place of its speed in the state.
     pub speed: usize,
-    /// Of its action in the input.
+    /// Place of its action in the input.
     pub action: usize,
     /// Nominal largest speed, rad/s.
     pub max_speed: f64,
@@ -87,8 +87,8 @@ impl Plant {
         }
     }
 
-    /// The plant as it flies on when rotor i keeps the share `effectiveness[i]` of its largest thrust: √e of its largest
-    /// speed, of a lost one 10⁻³.
+    /// The plant as it flies on when rotor i keeps the share e = `effectiveness[i]` (0 to 1) of its largest thrust: √e of its largest
+    /// speed, of a lost one 10⁻³. Rotors without an entry are whole.
     ///
     /// # Errors
     /// None for a valid plant.
@@ -111,7 +111,7 @@ impl Plant {
         }
     }
 
-    /// Of all bodies, kg.
+    /// Nominal mass of all bodies, kg.
     pub fn mass(&self) -> f64 {
         match self {
             Self::Rigid(system) => system.vehicle().mass_properties().mass,
@@ -135,7 +135,7 @@ impl Plant {
         }
     }
 
-    /// Nominal physical parameters: [`rigid::parameter_vector`] of a vehicle, [`tree::model_parameters`] of a model.
+    /// Nominal physical parameters, SI: [`rigid::parameter_vector`] of a vehicle, [`tree::model_parameters`] of a model.
     pub fn parameters(&self) -> Vec<f64> {
         match self {
             Self::Rigid(m) => m.parameters(),
@@ -159,7 +159,7 @@ impl Plant {
         }
     }
 
-    /// The state, number by number.
+    /// Name and unit of every number of the state, `[n_state]`.
     pub fn state_quantities(&self) -> Vec<Quantity> {
         let several = self.roots().len() > 1;
         self.state_numbers(|owner, what| match owner {
@@ -233,7 +233,7 @@ impl Plant {
         all
     }
 
-    /// The input, number by number: actions and drive commands in [−1, 1], disturbances.
+    /// Name and unit of every number of the input, `[n_input]`: actions and drive commands in [−1, 1], disturbances.
     pub fn input_quantities(&self) -> Vec<Quantity> {
         let mut all = vec![Quantity::new("", "-"); self.n_input()];
         for (rotor, place) in self.rotors().iter().zip(self.rotor_places()) {
@@ -322,8 +322,8 @@ impl Plant {
         }
     }
 
-    /// Motion of every body along world axes, `FRAME` numbers each, in a state with these
-    /// physical parameters.
+    /// Motion of every body along world axes in a state with these physical parameters, row-major `[n_frame, 13]`: the numbers of a
+    /// [`Frame`](super::Frame). `parameters` is read of articulated plants alone, `[n_parameter]`.
     pub fn write_frames<S: Scalar>(&self, parameters: &[S], state: &[S], frames: &mut [S]) {
         match self {
             Self::Tree(m) => tree::frames::write(m.topology(), parameters, state, frames),
@@ -331,9 +331,9 @@ impl Plant {
         }
     }
 
-    /// Every joint at rest at the origin (or where the model says), rotors at the speeds that carry the weight: of a vehicle, also one
-    /// that is a body of a tree alone under usual gravity, attitude and thrusts of [`Vehicle::hover`]; of other trees level, with the same share of every rotor's
-    /// largest thrust.
+    /// Every joint at rest at the origin (or where the model says), rotors at the speeds that carry the weight, `[n_state]`: of a vehicle,
+    /// also one that is a body of a tree alone under usual gravity, attitude and thrusts of [`Vehicle::hover`]; of other trees level,
+    /// with the same share of every rotor's largest thrust.
     ///
     /// # Errors
     /// [`Error::Value`] for a vehicle that cannot hover.
@@ -368,10 +368,10 @@ impl Plant {
         Ok(state)
     }
 
-    /// Checks the length of a state.
+    /// Checks the length of a state and that its numbers are finite.
     ///
     /// # Errors
-    /// [`Error::Value`] that names both lengths, or a number that is not finite.
+    /// [`Error::Value`] that names both lengths, or the number that is not finite.
     pub fn check_state(&self, state: &[f64]) -> Result<()> {
         let n = self.n_state();
         if state.len() != n {

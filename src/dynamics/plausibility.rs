@@ -81,6 +81,9 @@ impl Vehicle {
     /// What of a valid vehicle is probably not meant: mass, lengths, inertia, rotor speeds or times in other units than SI,
     /// an inertia that nobody gave, rotors that do not push up. Empty for whatever resembles a vehicle that flies.
     ///
+    /// Bands: m/arm³ 0.01 to 8000 kg/m³; √(J/m)/arm 0.05 to 4; blade tips up to 340 m/s; thrust over weight 0.2 to 40; time constants up
+    /// to 1 s; centre of mass within half an arm of the base origin; mean thrust within 60° of z.
+    ///
     /// ```
     /// # use omnidrones_dynamics::omnidrones;
     /// let mut vehicle = omnidrones::dynamics::vehicles::by_name("iris")?;

@@ -101,14 +101,14 @@ impl<S: Scalar> Disturbance<S> {
     /// Entries in a slice: `[wind 3, force 3, moment 3]`.
     pub const DIM: usize = 9;
 
-    /// Still air.
+    /// Still air, no force, no moment.
     #[inline(always)]
     pub fn none() -> Self {
         let o = [S::zero(); 3];
         Self { wind: o, force: o, moment: o }
     }
 
-    /// Into a slice, as far as it reaches.
+    /// Into a slice in the order of [`Self::DIM`], as far as it reaches.
     #[inline(always)]
     pub fn write(&self, x: &mut [S]) {
         for (slot, value) in x.iter_mut().zip(self.wind.iter().chain(&self.force).chain(&self.moment)) {
@@ -116,7 +116,10 @@ impl<S: Scalar> Disturbance<S> {
         }
     }
 
-    /// From a slice of [`Self::DIM`] numbers.
+    /// From the first [`Self::DIM`] numbers of a slice.
+    ///
+    /// # Panics
+    /// If there are fewer.
     #[inline(always)]
     pub fn read(x: &[S]) -> Self {
         Self { wind: [x[0], x[1], x[2]], force: [x[3], x[4], x[5]], moment: [x[6], x[7], x[8]] }

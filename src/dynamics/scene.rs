@@ -157,7 +157,7 @@ impl Scene {
         self.gate_start(self.gates.len())
     }
 
-    /// Pose of the frame of gate `i`, world.
+    /// Pose of the frame of gate `i`, world. `placement`, here and below, has [`n_placement`](Self::n_placement) numbers, else it panics.
     #[inline]
     pub fn gate_pose<S: Scalar>(&self, placement: &[S], i: usize) -> Pose<S> {
         self.gate_pose_at(placement, i, self.gate_start(i))
@@ -282,8 +282,8 @@ impl Scene {
     /// Checks every element; errors name it: `gate 'second'`, `obstacle 'pillar'`.
     ///
     /// # Errors
-    /// Numbers as [`Gate::validate`], [`Shape::validate`] and [`Mesh::validate`] refuse; a ground beyond `MAX_SIZE`; a name used twice; more
-    /// than `MAX_ELEMENTS` gates, obstacles or meshes.
+    /// Numbers as [`Gate::validate`], [`Shape::validate`] and [`Mesh::validate`] refuse; a ground beyond `MAX_SIZE`; a name used twice;
+    /// more than `MAX_ELEMENTS` gates, obstacles or meshes.
     pub fn validate(&self) -> Result<()> {
         if let Some(height) = self.ground {
             within("scene: ground", height, -MAX_SIZE, MAX_SIZE)?;

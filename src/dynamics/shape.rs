@@ -40,7 +40,7 @@ pub enum Geometry {
 }
 
 impl Geometry {
-    /// m³.
+    /// Volume of the solid, m³.
     pub fn volume(&self) -> f64 {
         match *self {
             Self::Sphere { radius } => 4.0 / 3.0 * PI * radius.powi(3),
@@ -101,7 +101,8 @@ impl Geometry {
     /// Checks the sizes; `what` names the shape in the error.
     ///
     /// # Errors
-    /// A size that is not finite or outside `MIN_SIZE` to `MAX_SIZE` (a capsule's length may be 0).
+    /// [`Error::Value`](base::error::Error::Value): a size that is not finite or outside `MIN_SIZE` to `MAX_SIZE` (a capsule's length may
+    /// be 0).
     pub fn validate(&self, what: &str) -> Result<()> {
         let at = |name: &str| format!("{what}: {name}");
         match *self {
@@ -192,7 +193,7 @@ impl Shape {
         validate_pose(what, &self.position, &self.rotation)
     }
 
-    /// Its pose in the world where `carrier` is that of what carries it.
+    /// Its pose in the world where `carrier` is the pose in the world of what carries it.
     #[inline]
     pub fn pose<S: Scalar>(&self, carrier: &Pose<S>) -> Pose<S> {
         carrier.then(&Pose { position: constants(self.position), attitude: constants(self.rotation) })

@@ -26,7 +26,7 @@ pub struct UnevenGround {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct GroundWave {
-    /// m.
+    /// a, m.
     pub amplitude: f64,
     /// k, rad/m along x and y; its length is 2π over that of the wave.
     pub number: [f64; 2],
@@ -41,7 +41,7 @@ impl UnevenGround {
         Self { slope: [angle.tan(), 0.0], waves: Vec::new() }
     }
 
-    /// h and its slopes along x and y.
+    /// h (m) at a place x, y (m, world), and its slopes ∂h/∂x and ∂h/∂y.
     pub fn rise<S: Scalar>(&self, x: S, y: S) -> (S, [S; 2]) {
         let (sx, sy) = (S::constant(self.slope[0]), S::constant(self.slope[1]));
         let (mut height, mut slope) = (sx.mul_add(x, sy * y), [sx, sy]);
@@ -66,7 +66,7 @@ impl UnevenGround {
         ((point[2] - height - rise) * recip, [-(sx * recip), -(sy * recip), recip])
     }
 
-    /// Checks every number.
+    /// Checks every number; `what` names the ground in the error.
     ///
     /// # Errors
     /// [`Error::Value`] for what is not finite, and for ground steeper than 2 m per m somewhere; [`Error::Limit`] for more

@@ -50,18 +50,21 @@ impl Inertia {
         Self::diagonal(0.0, 0.0, 0.0)
     }
 
-    /// As a symmetric 3×3 matrix.
+    /// As a symmetric 3×3 matrix, kg m².
     pub fn matrix(&self) -> Matrix3<f64> {
         Matrix3::new(self.xx, self.xy, self.xz, self.xy, self.yy, self.yz, self.xz, self.yz, self.zz)
     }
 
-    /// From a symmetric matrix (its upper triangle).
+    /// From a symmetric matrix, kg m² (its upper triangle).
     pub fn from_matrix(m: &Matrix3<f64>) -> Self {
         Self { xx: m[(0, 0)], yy: m[(1, 1)], zz: m[(2, 2)], xy: m[(0, 1)], xz: m[(0, 2)], yz: m[(1, 2)] }
     }
 
     /// Checks that some mass distribution has this tensor: principal moments ≥ 0 and none larger than the sum of the
     /// other two (relative slack 1e-6, since files are rounded). `what` names the body in the error.
+    ///
+    /// # Errors
+    /// [`Error::Value`], also for a number that is not finite.
     pub fn validate(&self, what: &str) -> Result<()> {
         finite(&format!("{what}: inertia"), &[self.xx, self.yy, self.zz, self.xy, self.xz, self.yz])?;
         let mut p: Vec<f64> = self.matrix().symmetric_eigenvalues().iter().copied().collect();
@@ -104,7 +107,7 @@ pub struct Part {
 }
 
 impl Part {
-    /// A part with its centre of mass at `position`.
+    /// A part of `mass` kg with its centre of mass at `position` (m, base frame); `inertia` as [`Part::inertia`].
     pub fn new(name: impl Into<String>, mass: f64, position: [f64; 3], inertia: Inertia) -> Self {
         Self { name: name.into(), mass, position, inertia }
     }
@@ -242,14 +245,14 @@ pub struct Gains {
 }
 
 impl Gains {
-    /// K_p, K_v, K_R, K_ω and, with integral action, L of force and moment: 12 or 14 numbers.
+    /// K_p, K_v, K_R, K_ω, three each, and, with integral action, L of force and moment: 12 or 14 numbers.
     pub fn flat(&self) -> Vec<f64> {
         let levels = [self.position, self.velocity, self.attitude, self.rate];
         let more = if self.is_integral() { &self.integral[..] } else { &[] };
         [levels.as_flattened(), more].concat()
     }
 
-    /// The inverse of [`flat`](Self::flat).
+    /// The inverse of [`flat`](Self::flat); without a 13th and 14th number no integral action.
     ///
     /// # Panics
     /// With fewer than twelve numbers.
@@ -326,7 +329,7 @@ impl Vehicle {
         self.rotors.iter().map(Rotor::max_thrust).sum()
     }
 
-    /// Largest thrust over weight.
+    /// Σ T_max/(m g), g = 9.81 m/s².
     pub fn thrust_to_weight(&self) -> f64 {
         self.max_thrust() / (self.mass_properties().mass * GRAVITY)
     }
@@ -344,6 +347,10 @@ impl Vehicle {
     }
 
     /// Checks every number: finite, physical, within limits. Kernels built from a valid vehicle cannot divide by zero.
+    ///
+    /// # Errors
+    /// [`Error::Limit`] for no part or rotor or too many ([`MAX_ROTORS`]); [`Error::Value`] that names the number, the rule and what to do
+    /// for all else.
     pub fn validate(&self) -> Result<()> {
         let at = |what: &str| format!("vehicle '{}': {what}", self.name);
         if self.parts.is_empty() || self.parts.len() > MAX_PARTS {

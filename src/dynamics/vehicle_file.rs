@@ -23,6 +23,10 @@ impl Vehicle {
     /// assert!(error.to_string().contains("Did you mean `max_speed`?"), "{error}");
     /// # Ok::<(), omnidrones::error::Error>(())
     /// ```
+    ///
+    /// # Errors
+    /// [`Error::Limit`] above 16 MiB; [`Error::Format`] for what is no TOML, an unknown key, what [`validate`](Self::validate) refuses and
+    /// a name used twice.
     pub fn from_toml_str(text: &str, file_name: &str) -> Result<Self> {
         check_size(text.len() as u64, file_name)?;
         let vehicle: Self = reader::of_toml(text, file_name)?;
@@ -30,14 +34,20 @@ impl Vehicle {
         Ok(vehicle)
     }
 
-    /// Reads and checks a vehicle file of at most `MAX_FILE_BYTES`.
+    /// Reads and checks a vehicle file of at most 16 MiB.
+    ///
+    /// # Errors
+    /// [`Error::File`] where it cannot be read; otherwise as [`from_toml_str`](Self::from_toml_str).
     pub fn from_toml_file(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
         let name = path.display().to_string();
         Self::from_toml_str(&base::file_gate::read_text(path, MAX_FILE_BYTES)?, &name)
     }
 
-    /// As TOML text that [`from_toml_str`](Self::from_toml_str) reads back bit for bit. An invalid vehicle is refused.
+    /// As TOML text that [`from_toml_str`](Self::from_toml_str) reads back bit for bit.
+    ///
+    /// # Errors
+    /// As [`validate`](Self::validate), and for a name used twice.
     pub fn to_toml(&self) -> Result<String> {
         self.validate()?;
         unique_names(self)?;

@@ -48,7 +48,7 @@ pub struct Sinusoid {
 }
 
 impl Sinusoid {
-    /// Track's draw: 8 harmonics, frequencies N(0, 1) rad/s, one amplitude U(0, `largest_amplitude`) for all axes.
+    /// Track's draw: 8 harmonics, frequencies N(0, 1) rad/s, one amplitude U(0, `largest_amplitude`) (m/s) for all axes, no mean.
     pub fn random(largest_amplitude: f64, stream: &mut Stream) -> Self {
         let amplitude = [stream.uniform(0.0, largest_amplitude); 3];
         let mut frequencies = vec![[0.0; 3]; 8];
@@ -114,6 +114,10 @@ impl Dryden {
 
 impl Wind {
     /// Checks that every number is finite and physical.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for a number that is not finite, `wind_at_20_feet` < 0 or `airspeed` < 0.01 m/s; [`Error::Limit`] for more
+    /// than 1024 harmonics.
     pub fn validate(&self) -> Result<()> {
         match self {
             Self::Calm => Ok(()),
@@ -158,6 +162,9 @@ pub struct WindState {
 
 impl WindState {
     /// The wind at time 0. Gusts start in their stationary distribution: there is no calm before the first gust.
+    ///
+    /// # Errors
+    /// As [`Wind::validate`].
     pub fn new(wind: Wind, mut stream: Stream) -> Result<Self> {
         wind.validate()?;
         let mut filters = [[0.0; 2]; 3];

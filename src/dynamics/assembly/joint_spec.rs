@@ -91,7 +91,7 @@ pub struct JointSpec {
 }
 
 impl JointSpec {
-    /// A free joint at the origins of both parts. `parent` may be [`WORLD`].
+    /// A free joint at the origins of both parts: no damping, spring, armature, stops or servo. `parent` may be [`WORLD`].
     pub fn new(name: impl Into<String>, kind: JointKind, parent: impl Into<String>, child: impl Into<String>) -> Self {
         Self {
             name: name.into(),
@@ -137,7 +137,7 @@ impl JointSpec {
         self
     }
 
-    /// A spring per axis, N m/rad or N/m, relaxed at `rest`.
+    /// A spring per axis, N m/rad or N/m, relaxed at `rest` (rad or m).
     #[must_use]
     pub fn spring(mut self, stiffness: f64, rest: f64) -> Self {
         (self.stiffness, self.rest) = (stiffness, rest);

@@ -80,7 +80,7 @@ impl Assembly {
         }
     }
 
-    /// m/s², downwards.
+    /// Gravity, m/s², downwards; 9.81 unless given.
     pub fn gravity(&mut self, gravity: f64) -> &mut Self {
         self.gravity = gravity;
         self
@@ -130,7 +130,7 @@ impl Assembly {
         self
     }
 
-    /// Re-weighs a part: its inertia follows in proportion.
+    /// Gives a part another mass, kg: its inertia follows in proportion.
     ///
     /// # Errors
     /// [`Error::Unknown`] with the nearest part, [`Error::Value`] for a mass that is not ≥ 0.

@@ -33,7 +33,8 @@ enum Weight {
 }
 
 impl Solid {
-    /// A ball about the origin, without mass until [`Solid::mass`] or [`Solid::density`] is called. `radius` in m.
+    /// A ball about the origin, `radius` in m. Like all solids of shapes, without mass until [`Solid::mass`] or [`Solid::density`] is
+    /// called.
     pub fn sphere(radius: f64) -> Self {
         Self::of([Shape { geometry: Geometry::Sphere { radius }, ..ORIGIN }])
     }
@@ -163,7 +164,7 @@ impl Solid {
         self
     }
 
-    /// Mass, centre of mass and inertia in the part's frame.
+    /// Mass (kg), centre of mass (m) and inertia about it (kg m²), in the part's frame.
     pub fn properties(&self) -> MassProperties {
         let density = match &self.weight {
             Weight::Explicit(own) => return *own,
@@ -207,7 +208,8 @@ impl Solid {
     /// Checks sizes, mass and inertia; `what` names the part.
     ///
     /// # Errors
-    /// [`Error::Value`].
+    /// [`Error::Value`] for a number that is not finite or of the wrong sign, a mass without inertia or shape, and shapes as
+    /// [`Shape::validate`] refuses.
     pub fn validate(&self, what: &str) -> Result<()> {
         for shape in &self.shapes {
             shape.validate(&format!("{what}: shape"))?;

@@ -76,8 +76,8 @@ impl World {
     /// system of one body.
     ///
     /// # Errors
-    /// [`Error::Limit`] before any large allocation if the batch needs more than [`DEFAULT_MEMORY_LIMIT`];
-    /// [`Error::Value`] if the vehicle or the physics are not valid.
+    /// [`Error::Limit`] for no environment, and before any large allocation if the batch needs more than 8 GiB
+    /// ([`DEFAULT_MEMORY_LIMIT`]); [`Error::Value`] if the vehicle or the physics are not valid.
     pub fn new(vehicle: &Vehicle, physics: Physics, n_env: usize) -> Result<Self> {
         Self::with_memory_limit(vehicle, physics, n_env, DEFAULT_MEMORY_LIMIT)
     }
@@ -163,13 +163,13 @@ impl World {
         self.n_env
     }
 
-    /// Numbers per state, ordered as in [`RigidState`](crate::RigidState) or
+    /// Numbers per state, in SI units, ordered as in [`RigidState`](crate::RigidState) or
     /// [`Layout`](crate::tree::Layout).
     pub fn n_state(&self) -> usize {
         self.plant.n_state()
     }
 
-    /// Numbers per action: rotors, then drives, tree by tree.
+    /// Numbers per action, each in [−1, 1]: rotors, then drives, tree by tree.
     pub fn n_action(&self) -> usize {
         self.plant.n_action()
     }
@@ -278,7 +278,7 @@ impl World {
         Ok(())
     }
 
-    /// The state of one environment.
+    /// The state of one environment, `[n_state]`.
     ///
     /// # Errors
     /// [`Error::Limit`] if there is no such environment.
@@ -287,7 +287,7 @@ impl World {
         Ok((0..self.n_state()).map(|k| self.blocks[block].rows[k][lane]).collect())
     }
 
-    /// Sets the state of one environment and revives it if it had stopped.
+    /// Sets the state of one environment, `[n_state]`, and revives it if it had stopped.
     ///
     /// # Errors
     /// [`Error::Value`] for a wrong length or a number that is not finite; [`Error::Limit`] if there is no such

@@ -21,7 +21,7 @@ pub struct Configuration<M> {
 pub struct DroneMap {
     /// Number of its body.
     pub body: usize,
-    /// Numbers of its rotors, in the vehicle's order.
+    /// Numbers of its rotors in the model, in the vehicle's order.
     pub rotors: Vec<usize>,
 }
 

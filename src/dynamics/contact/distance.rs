@@ -67,7 +67,7 @@ pub fn point<S: Scalar>(point: Vec3<S>, geometry: &Geometry, pose: &Pose<S>) -> 
     }
 }
 
-/// Distance of a geometry at `pose` to the half space below z = `height`, m. Exact.
+/// Signed distance of a geometry at `pose` (world) to the half space below z = `height` (m), m: negative in overlap. Exact.
 pub fn plane_distance<S: Scalar>(geometry: &Geometry, pose: &Pose<S>, height: S) -> S {
     let up = matrix(pose.attitude)[2];
     let reach = match *geometry {
@@ -78,7 +78,7 @@ pub fn plane_distance<S: Scalar>(geometry: &Geometry, pose: &Pose<S>, height: S)
     pose.position[2] - height - reach
 }
 
-/// Distance of a geometry at `pose` to uneven ground that rises over z = `height`, m: that of the points by which it touches
+/// Signed distance of a geometry at `pose` (world) to uneven ground that rises over z = `height`, m: that of the points by which it touches
 /// it, a capsule's ends and a box's corners. As exact there as [`UnevenGround::surface`].
 pub fn ground_distance<S: Scalar>(geometry: &Geometry, pose: &Pose<S>, height: S, relief: &UnevenGround) -> S {
     match *geometry {
@@ -99,7 +99,12 @@ pub fn ground_distance<S: Scalar>(geometry: &Geometry, pose: &Pose<S>, height: S
     }
 }
 
-/// Distance between two geometries at their poses, m; see the table above for how exact.
+/// Signed distance between two geometries at their poses (world), m: positive across a gap, negative in overlap. The sign is right.
+///
+/// Spheres and capsules: exact, until the centre of a sphere or the segment of a capsule is inside. Box and sphere: exact. Box and
+/// capsule: exact to 2e-7 of its length apart, never deeper than the truth in overlap. Two boxes: exact where a face separates, never
+/// farther than the truth apart and in overlap of faces (separating axes; Gottschalk, Lin and Manocha 1996). Gradients are those of the
+/// nearest pair of points.
 pub fn distance<S: Scalar>(geometry1: &Geometry, pose1: &Pose<S>, geometry2: &Geometry, pose2: &Pose<S>) -> S {
     match (round(geometry1), round(geometry2), *geometry1, *geometry2) {
         (Some((r1, l1)), Some((r2, l2)), ..) => -round_contact((pose1, r1, l1), (pose2, r2, l2)).depth,

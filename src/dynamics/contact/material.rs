@@ -9,6 +9,12 @@ use serde::{Deserialize, Serialize};
 
 /// Stiffness, dissipation and friction of one contact point.
 ///
+/// At a depth δ (m) that grows at δ̇, with the slip velocity v_t across the normal n (unit, world), the first body is pushed by
+///
+/// ```text
+/// F = F_n n − μ F_n v_t/√(v_t² + v_s²)      F_n = k δ₊^{3/2} (1 + 3/2 d δ̇)₊      (Hunt and Crossley 1975)
+/// ```
+///
 /// How stiff it may be is a matter of the step. A body of mass m that rests on n points sinks by
 /// δ₀ = (m g/(n k))^{2/3} and bobs there at ω = √(3g/(2δ₀)), whatever its mass. The default lets 0.7 kg on four
 /// points sink by 0.51 mm: ω = 170 rad/s, ω·dt = 0.34 at 2 ms, where RK4 is stable below 2.8 and accurate below 0.5.
@@ -82,8 +88,8 @@ impl ContactMaterial {
     /// Checks every number; `what` names the material in the error.
     ///
     /// # Errors
-    /// A number that is not finite; stiffness outside 1e-3 to 1e12; dissipation or friction outside 0 to 100; slip
-    /// speed outside 1e-6 to 1e3 m/s.
+    /// [`Error::Value`](base::error::Error::Value): a number that is not finite; stiffness outside 1e-3 to 1e12; dissipation or friction
+    /// outside 0 to 100; slip speed outside 1e-6 to 1e3 m/s.
     pub fn validate(&self, what: &str) -> Result<()> {
         within(&format!("{what}: stiffness"), self.stiffness, 1e-3, 1e12)?;
         within(&format!("{what}: dissipation"), self.dissipation, 0.0, 100.0)?;

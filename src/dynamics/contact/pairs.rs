@@ -48,7 +48,10 @@ impl<S: Scalar> Contacts<S> {
         Self { list: [ContactPoint::none(); MAX_CONTACTS], count: 0 }
     }
 
-    /// One more, up to [`MAX_CONTACTS`].
+    /// Adds one.
+    ///
+    /// # Panics
+    /// If there are [`MAX_CONTACTS`] already.
     #[inline]
     pub fn push(&mut self, contact: ContactPoint<S>) {
         self.list[self.count] = contact;
@@ -187,7 +190,8 @@ pub fn segment<S: Scalar>(pose: &Pose<S>, length: f64) -> [Vec3<S>; 2] {
     [pose.point([o, o, S::constant(-0.5 * length)]), pose.point([o, o, S::constant(0.5 * length)])]
 }
 
-/// Contacts of a body at `pose` with the plane z = `height` below it; the body is the first of the pair.
+/// Contacts of a body at `pose` (world) with the plane z = `height` (m) below it; the body is the first of the pair. One point of a
+/// sphere, two of a capsule (its ends), eight of a box (its corners).
 pub fn with_plane<S: Scalar>(geometry: &Geometry, pose: &Pose<S>, height: S) -> Contacts<S> {
     let mut contacts = Contacts::none();
     match *geometry {
@@ -208,7 +212,8 @@ pub fn with_plane<S: Scalar>(geometry: &Geometry, pose: &Pose<S>, height: S) -> 
     contacts
 }
 
-/// Contacts between two bodies; none where either is a box ([`distance`](super::distance()) answers those).
+/// Contacts between two bodies at their poses (world), the first pushed along the normal; none where either is a box
+/// ([`distance`](super::distance()) answers those).
 #[inline]
 pub fn between<S: Scalar>(geometry1: &Geometry, pose1: &Pose<S>, geometry2: &Geometry, pose2: &Pose<S>) -> Contacts<S> {
     let mut contacts = Contacts::none();

@@ -10,8 +10,9 @@
 //! | `bvh_stub` | the error that there is in their place without it |
 //!
 //! A [`Mesh`] is seen by rays ([`sensors::cast`](crate::sensors::cast)) from outside, as everything else. It exerts no
-//! force, and distances ([`Scene::distance`](crate::scene::Scene::distance)) do not know it; so that nobody takes it for a wall, a scene refuses one that
-//! does not say so ([`Mesh::only_seen`]). What is to be touched is stood in for by boxes and capsules: obstacles that the mesh encloses.
+//! force, and distances ([`Scene::distance`](crate::scene::Scene::distance)) do not know it; so that nobody takes it for a wall, a scene
+//! refuses one that does not say so ([`Mesh::only_seen`]). What is to be touched is stood in for by boxes and capsules: obstacles that the
+//! mesh encloses.
 //!
 //! Its triangles and their tree are shared by all environments and all placements; what differs is a pose and a scale.
 

@@ -58,7 +58,8 @@ impl Default for GateSlide {
 }
 
 impl GateSlide {
-    /// Acceleration of the frame along its y axis, m/s², at `coordinate` m and `speed` m/s, pushed by `push` N along y.
+    /// Acceleration of the frame along its y axis, m/s², at `coordinate` s (m) and `speed` ṡ (m/s), pushed by `push` F (N) along y:
+    /// s̈ = (F − k s − d ṡ − stops)/m.
     pub fn acceleration<S: Scalar>(&self, coordinate: S, speed: S, push: S) -> S {
         let stop = ContactMaterial::default().cast();
         let range = S::constant(self.range);

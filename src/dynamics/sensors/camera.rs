@@ -23,12 +23,12 @@ use std::sync::Arc;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ImageType {
-    /// Planar depth, as `form` tells it.
+    /// Planar depth, m, encoded as `form` says.
     #[default]
     Depth,
     /// 0 nothing in range, 1 ground, 2 a gate, 3 an obstacle or a mesh, 4 another body.
     Segmentation,
-    /// Outward unit normal of the surface along the axes of the camera (x forward, y left, z up); noughts for nothing.
+    /// Outward unit normal of the surface along the axes of the camera (x forward, y left, z up); zeros for nothing.
     Normals,
     /// Red, green and blue within 0 … 1: a colour of its own for each thing, under a sun.
     Rgb,
@@ -95,9 +95,9 @@ with_defaults! {
         pub nearest: f64 = 0.0,
         /// Largest planar depth, m.
         pub farthest: f64 = 10.0,
-        /// How depth is told.
+        /// How depth is encoded.
         pub form: DistanceEncoding = DistanceEncoding::Distance,
-        /// Pixels of an edge of the squares of which the nearest depth is told: 4 makes 16 × 12 numbers of 64 × 48 pixels.
+        /// Pixels of an edge of the squares of which the nearest depth is read: 4 makes 16 × 12 numbers of 64 × 48 pixels.
         pub pool: usize = 1,
         /// How depth is measured; exactly without.
         #[serde(skip_serializing_if = "Option::is_none")]

@@ -51,6 +51,16 @@ impl Default for PerAxis {
 }
 
 /// How a quantity is measured wrongly. Units are those of the quantity, here u; the default is without error.
+///
+/// ```text
+/// y = round(clip(M x + o + b + n))        M = I + diag(s) + off-diagonal(m), drawn per episode
+/// n = √(σ²/Δt + d²) N                      Δt: time between two samples
+/// b⁺ = φ b + σ_b √(τ/2 (1 − φ²)) N         φ = exp(−Δt/τ); without τ the random walk b + σ_b √Δt N
+/// b₀ ~ N(0, σ₀²)
+/// ```
+///
+/// N are independent standard normals per axis: the IMU model of Kalibr (Furgale, Rehder and Siegwart 2013), with the bias of a
+/// first-order Gauss–Markov process in its exact discrete form, so that no figure depends on the rate.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ErrorModel {

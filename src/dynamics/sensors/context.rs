@@ -32,12 +32,12 @@ pub struct SensorContext<'a> {
 }
 
 impl<'a> SensorContext<'a> {
-    /// Of a world as [`RayScene::fill`] made it, with these bodies in it; `eyes` are those of the thread.
+    /// Of a world as [`RayScene::fill`] made it, with the shapes `solids` of bodies in it; `eyes` is the thread's working memory.
     pub fn new(world: &'a mut RayScene, solids: &'a [PosedShape], eyes: &'a mut RayScratch) -> Self {
         Self { world, solids, eyes, from: None, has_slopes: true, tells: false }
     }
 
-    /// Spares sensors with a [`SensorGradient`](super::SensorGradient) the work for it: their slopes are noughts.
+    /// Spares sensors with a [`SensorGradient`](super::SensorGradient) the work for it: their slopes are zeros.
     pub fn without_slopes(self) -> Self {
         Self { has_slopes: false, ..self }
     }

@@ -48,7 +48,7 @@ pub struct Lidar {
     pub nearest: f64,
     /// Largest distance that it measures, m.
     pub farthest: f64,
-    /// How distances are told.
+    /// How distances are encoded.
     pub form: DistanceEncoding,
     /// a, m, b and c, 1/m.
     pub noise: [f64; 3],

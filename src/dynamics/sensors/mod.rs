@@ -17,7 +17,7 @@
 //! | `lidar` | beams, in a grid or scattered |
 //! | `camera` | depth, what is seen, surfaces, colours; stereo's noise and holes |
 //! | `shade` | colours of what a camera sees |
-//! | `reading` | how distances are told |
+//! | `reading` | how distances are encoded |
 //! | `sample_noise` | noise of many pixels |
 //! | `gradient` | how readings change with the pose of their body |
 //! | `context` | what looks, from where, at what |
@@ -171,8 +171,8 @@ impl Sensor {
         self.sample.fill(0.0);
     }
 
-    /// Reads after a step, or at the beginning of the episode, what [`channels`](Self::channels) names: of what stands in
-    /// `context` too.
+    /// Reads after a step, or at the beginning of the episode, what [`channels`](Self::channels) names, in their units: from the motion
+    /// `truth` of its body, and by rays from what stands in `sight`.
     pub fn step(&mut self, truth: &GroundTruth, sight: &mut SensorContext<'_>) -> &[f64] {
         if self.line.is_due() {
             let motion = self.mount.motion(truth);
@@ -196,8 +196,8 @@ impl Sensor {
     }
 
     /// How the readings of the last step change with the pose of the body, reading by reading: ∂/∂position per m along world
-    /// axes, ∂/∂attitude per rad about the body's own. Empty without [`SensorGradient::Pose`]; noughts where [`SensorContext::without_slopes`]
-    /// was looked through. Not part of a saved state.
+    /// axes, ∂/∂attitude per rad about the body's own. Empty without [`SensorGradient::Pose`]; zeros after a step in a context
+    /// [without slopes](SensorContext::without_slopes). Not part of a saved state.
     pub fn slopes(&self) -> &[RangeJacobian] {
         &self.slopes
     }
@@ -344,7 +344,7 @@ impl SensorSet {
         self.readings.fill(0.0);
     }
 
-    /// Reads all, sensor by sensor; `truths` are body by body.
+    /// Reads all, sensor by sensor, in the order of [`channels`](Self::channels); `truths` are body by body.
     ///
     /// # Panics
     /// On fewer truths than there were bodies.

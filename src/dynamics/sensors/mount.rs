@@ -27,18 +27,18 @@ pub struct GroundTruth {
     pub mean_angular_acceleration: Vec3<f64>,
     /// m/s², along −z of the world.
     pub gravity: f64,
-    /// Of all contacts on the body at the end of the step, N, world; noughts unless told.
+    /// Of all contacts on the body at the end of the step, N, world; zeros unless given.
     pub contact_force: Vec3<f64>,
 }
 
 impl GroundTruth {
-    /// Of the body at the end of the step.
+    /// Pose of the body at the end of the step, world.
     pub fn pose(&self) -> Pose<f64> {
         Pose { position: self.position, attitude: self.attitude }
     }
 
-    /// At an instant, of which the dynamics tell the acceleration of the body's origin (world, m/s²) and the angular
-    /// acceleration (body, rad/s²): the first of an episode.
+    /// At an instant with the acceleration of the body's origin (m/s², world) and the angular acceleration (rad/s², body) that the dynamics
+    /// give: the first of an episode. `gravity` in m/s², here and below.
     pub fn at(frame: &Frame<f64>, acceleration: Vec3<f64>, angular_acceleration: Vec3<f64>, gravity: f64) -> Self {
         let angular_velocity = rotate_back(frame.attitude, frame.angular_velocity);
         Self {
@@ -65,7 +65,7 @@ impl GroundTruth {
         truth
     }
 
-    /// At `before`, with the accelerations of the step of `dt` seconds that follows: where nothing else tells the dynamics.
+    /// At `before`, with the accelerations of the step of `dt` seconds that follows: where the dynamics are not known otherwise.
     pub fn ahead(before: &Frame<f64>, after: &Frame<f64>, dt: f64, gravity: f64) -> Self {
         let coming = Self::between(before, after, dt, gravity);
         Self::at(before, coming.mean_acceleration, coming.mean_angular_acceleration, gravity)

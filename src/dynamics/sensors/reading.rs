@@ -1,4 +1,4 @@
-//! How distances are told, and what goes wrong with them.
+//! How distances are encoded, and what goes wrong with them.
 
 use super::sample_noise::SampleNoise;
 use base::error::{Error, Result};
@@ -11,7 +11,7 @@ pub enum DistanceEncoding {
     /// d, m.
     #[default]
     Distance,
-    /// `farthest` − d, m: nought where nothing is near, as OmniDrones' Forest shows its lidar.
+    /// `farthest` − d, m: 0 where nothing is near, as OmniDrones' Forest shows its lidar.
     Proximity,
     /// 3/d − 0.6 with d in m held within 0.3 … 24: −0.5 far away, 9.4 close by (DiffPhysDrone).
     Inverse,

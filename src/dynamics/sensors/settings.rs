@@ -43,7 +43,7 @@ const MAX_NAME: usize = 64;
 pub struct SensorConfig {
     /// Unique among the sensors; begins the names of its columns. Its noise depends on this name, not on its place.
     pub name: String,
-    /// Body that carries it; the first unless told otherwise.
+    /// Body that carries it; the first unless given.
     pub on: Option<String>,
     /// Of the mount, from the body's origin, m, body axes.
     pub position: Vec3<f64>,

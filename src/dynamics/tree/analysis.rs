@@ -29,7 +29,8 @@ pub struct Momentum<S> {
     pub angular: Vec3<S>,
 }
 
-/// Pose of every body, in the order of the model.
+/// Pose and velocity of every body, in the order of the model, `[n_body]`. Here and below `state` is `[n_state]`, and physical parameters
+/// are the nominal ones.
 pub fn body_poses<S: Scalar>(system: &Multibody, state: &[S]) -> Vec<FrameKinematics<S>> {
     let mut poses = Vec::new();
     body_poses_into(system, state, &mut poses);
@@ -46,7 +47,7 @@ pub fn body_poses_into<S: Scalar>(system: &Multibody, state: &[S], poses: &mut V
     poses.extend(scratch.bodies[..t.n_body()].iter().map(pose_of));
 }
 
-/// Pose of a named frame (see [`Model::frame`]).
+/// Pose and velocity of a named frame (see [`Model::frame`]).
 pub fn frame_pose<S: Scalar>(system: &Multibody, state: &[S], frame: &NamedFrame) -> FrameKinematics<S> {
     let t = system.topology();
     scratch_on_stack!(scratch, t, S);
@@ -70,7 +71,7 @@ pub fn cable_tensions<S: Scalar>(system: &Multibody, state: &[S]) -> Vec<S> {
     cable_loads::tensions(t, numbers, scratch.bodies)
 }
 
-/// Kinetic energy of all bodies and geared motors, J; spinning rotors not counted.
+/// Kinetic energy ½ νᵀ M ν of all bodies and geared motors, J; spinning rotors not counted.
 pub fn kinetic_energy<S: Scalar>(system: &Multibody, state: &[S]) -> S {
     let (t, numbers) = (system.topology(), Source::Constants(system.parameters()));
     scratch_on_stack!(scratch, t, S);
@@ -129,7 +130,7 @@ pub fn potential_energy<S: Scalar>(system: &Multibody, state: &[S]) -> S {
     energy
 }
 
-/// Net contact force on every body, N, world: zero without the effect `contact`. Friction that sticks is what the next substep
+/// Net contact force on every body, `[n_body]`, N, world: zero without the effect `contact`. Friction that sticks is what the next substep
 /// would hold, with rotors at their speeds and drives where they are; all else is the law at this state.
 pub fn contact_forces<S: Scalar>(system: &Multibody, state: &[S]) -> Vec<Vec3<S>> {
     contact_forces_with(system, system.parameters(), state)
@@ -248,7 +249,7 @@ fn center<S: Scalar, P: ParameterView<S>>(t: &Topology, numbers: P, bodies: &[Bo
     scale(total.recip(), sum)
 }
 
-/// Momentum of all bodies.
+/// Linear and angular momentum of all bodies together.
 pub fn momentum<S: Scalar>(system: &Multibody, state: &[S]) -> Momentum<S> {
     let (t, numbers) = (system.topology(), Source::Constants(system.parameters()));
     scratch_on_stack!(scratch, t, S);
@@ -278,8 +279,10 @@ fn own_momentum<S: Scalar, P: ParameterView<S>>(i: usize, numbers: P, body: &Bod
     (scale(numbers.get(n + at::MASS), center_velocity(body)), mat_vec(body.rotation, mat_vec(inertia, own)))
 }
 
-/// The joint-space mass matrix M(q) over the velocity vector ν of [`Layout`](super::Layout): kinetic energy is
-/// ½ νᵀ M ν.
+/// The joint-space mass matrix M(q), n × n over the velocity vector ν: kinetic energy is ½ νᵀ M ν.
+///
+/// ν is body by body: of a floating body the velocity of its origin 3 (m/s, world) and angular velocity 3 (rad/s, body); q̇ of a hinge or
+/// slide; of a ball the angular velocity relative to its parent 3 (rad/s, child). `state` is `[n_state]`.
 ///
 /// Built from body Jacobians, Σ m Jvᵀ Jv + Jωᵀ (R J Rᵀ) Jω: for design, not for stepping.
 ///
@@ -290,7 +293,8 @@ pub fn mass_matrix(model: &Model, state: &[f64]) -> Result<DMatrix<f64>> {
     Ok(mass_matrix_of(model, state))
 }
 
-/// Jacobian of a named frame, 6 × n: `[velocity of its origin; angular velocity]` (world) = J ν.
+/// Jacobian of a named frame, 6 × n: `[velocity of its origin; angular velocity]` (m/s and rad/s, world) = J ν, with ν as of
+/// [`mass_matrix`](super::mass_matrix()).
 ///
 /// # Errors
 /// [`Error::Value`](base::error::Error::Value) if the state has another length than the layout says.

@@ -26,8 +26,10 @@ pub struct CableEnd {
     pub point: [f64; 3],
 }
 
-/// A cable without mass that pulls its ends together where they are farther apart than it is long, and never pushes: law in
-/// `tree/cable.rs`, T = (k ψ(ℓ − L) (1 + d ℓ̇))₊.
+/// A cable without mass that pulls its ends together where they are farther apart than it is long, and never pushes.
+///
+/// Its tension (N) over the distance ℓ of its ends is T = (k ψ(ℓ − L) (1 + d ℓ̇))₊ with ψ(e) = 0 for e ≤ 0, e²/(2w) up to w = 0.002 L and
+/// e − w/2 beyond: continuously differentiable where it goes taut. k and the damping are held at what a substep resolves.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Cable {

@@ -19,13 +19,13 @@ use autodiff::Scalar;
 /// Where a frame is and how it moves, world axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FrameKinematics<S> {
-    /// Origin, m.
+    /// Origin, m, world.
     pub position: Vec3<S>,
     /// Rotation matrix by rows, frame → world.
     pub rotation: Mat3<S>,
-    /// Of the origin, m/s.
+    /// Of the origin, m/s, world.
     pub velocity: Vec3<S>,
-    /// rad/s.
+    /// rad/s, world.
     pub angular_velocity: Vec3<S>,
 }
 

@@ -131,12 +131,12 @@ impl Layout {
         self.trees.push(TreePlace { bodies: range, rotors, state, input, disturbance: air });
     }
 
-    /// Numbers of the state.
+    /// Length of the state.
     pub fn n_state(&self) -> usize {
         self.trees.last().map_or(0, |t| t.state.end)
     }
 
-    /// Numbers of the input.
+    /// Length of the input.
     pub fn n_input(&self) -> usize {
         self.trees.last().map_or(0, |t| t.input.end)
     }

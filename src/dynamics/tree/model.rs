@@ -121,7 +121,7 @@ impl Model {
 }
 
 impl Cable {
-    /// Of `length` m, 2 kN/m and 1 s/m, between two named frames of a model.
+    /// Of `length` m, 2 kN/m and 1 s/m, between the origins of two named frames of a model.
     ///
     /// # Errors
     /// [`Error::Unknown`] with the nearest name.
@@ -133,7 +133,7 @@ impl Cable {
 }
 
 /// Every joint at rest (springs relaxed, position drives at their centre, else zero), every floating root where its joint
-/// says (the world's origin, upright, unless it was placed), rotors still.
+/// says (the world's origin, upright, unless it was placed), rotors still: `[n_state]`.
 pub fn rest_state(model: &Model) -> Vec<f64> {
     let mut x = vec![0.0; model.layout().n_state()];
     for (body, place) in model.bodies().iter().zip(&model.layout().bodies) {

@@ -46,7 +46,7 @@ impl Multibody {
         self
     }
 
-    /// Nominal physical parameters: [`model_parameters`] of the model.
+    /// Nominal physical parameters, SI: [`model_parameters`] of the model, whose names [`Plant::parameter_names`](crate::Plant) lists.
     pub fn parameters(&self) -> &[f64] {
         &self.numbers
     }
@@ -70,12 +70,15 @@ impl Multibody {
         &self.topology
     }
 
-    /// [`rest_state`] of the model.
+    /// [`rest_state`] of the model, `[n_state]`.
     pub fn rest_state(&self) -> Vec<f64> {
         rest_state(&self.model)
     }
 
-    /// ẋ = f(x, u, θ) in continuous time: what a step integrates. `rate` has the layout of the state.
+    /// ẋ = f(x, u, θ) in continuous time: what a step integrates. `rate` has the layout and length of the state, in its units per second.
+    ///
+    /// # Panics
+    /// If `state`, `input` or `rate` has another length than the layout says.
     pub fn derivative<S: Scalar>(&self, state: &[S], input: &[S], parameters: &[S], rate: &mut [S]) {
         self.run(Task::Derivative, state, input, parameters, rate);
     }
@@ -93,7 +96,7 @@ impl Multibody {
         result.copy_from_slice(&done[..t.n_state]);
     }
 
-    /// Input of still rotors and drives at their centres.
+    /// Input of still rotors (−1) and drives at their centres (0), `[n_input]`.
     pub fn rest_input(&self) -> Vec<f64> {
         let mut u = vec![0.0; self.topology.n_input];
         for at in &self.topology.layout.rotor_action {

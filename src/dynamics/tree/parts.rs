@@ -129,9 +129,9 @@ pub struct Body {
     pub mass: f64,
     /// In the body's frame, m.
     pub center_of_mass: [f64; 3],
-    /// About the centre of mass, along the body's axes.
+    /// About the centre of mass, along the body's axes, kg m².
     pub inertia: Inertia,
-    /// Along the body's axes, at its centre of mass.
+    /// Drag along the body's axes, at its centre of mass.
     pub drag: Drag,
 }
 
@@ -195,7 +195,7 @@ pub struct BodyShape {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ContactSettings {
-    /// Of every pair that touches, but for shapes and ground with one of their own. Its numbers are parameters of the model;
+    /// Material of every pair that touches, but for shapes and ground with one of their own. Its numbers are parameters of the model;
     /// where one of the two has its own, the pair's are constants.
     pub material: ContactMaterial,
     /// Height of the ground in the world, m; `None` for no ground.
@@ -203,7 +203,7 @@ pub struct ContactSettings {
     /// What rises over that height; `None` for level ground.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub relief: Option<UnevenGround>,
-    /// Of the ground, where it is not that of the model.
+    /// Material of the ground, where it is not [`material`](Self::material).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ground_material: Option<ContactMaterial>,
     /// Whether bodies of one tree touch each other, those joined to each other apart.

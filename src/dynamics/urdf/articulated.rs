@@ -18,7 +18,7 @@ use std::path::Path;
 pub struct ModelImport {
     /// The articulated system.
     pub model: Model,
-    /// Oddities of the file.
+    /// What of the file was probably not meant.
     pub warnings: Vec<Warning>,
     /// Everything that was concluded rather than read, one sentence each.
     pub assumptions: Vec<String>,

@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 pub struct Import {
     /// The vehicle; [`Vehicle::validate`] has passed.
     pub vehicle: Vehicle,
-    /// Oddities of the file.
+    /// What of the file was probably not meant.
     pub warnings: Vec<Warning>,
     /// Everything that was concluded rather than read, one sentence each.
     pub assumptions: Vec<String>,
@@ -70,8 +70,8 @@ fn rotor_path(urdf: &Path, options: &ImportOptions) -> Option<PathBuf> {
 /// `<properties>`.
 ///
 /// # Errors
-/// [`Error::Limit`](base::error::Error::Limit) for a fence, [`Error::Format`](base::error::Error::Format) for
-/// everything that is wrong in the files, with place, rule and remedy. No text makes it panic, recurse or hang.
+/// [`Error::Limit`](base::error::Error::Limit) for a size beyond [`ImportOptions::limits`], [`Error::Format`](base::error::Error::Format)
+/// for everything that is wrong in the files, with place, rule and remedy. No text makes it panic, recurse or hang.
 pub fn import_text(text: &str, file_name: &str, rotors: Option<&RotorFile>, options: &ImportOptions) -> Result<Import> {
     let mut read = read(text, file_name, options)?;
     let rotor_links: Vec<usize> = match (rotors, &read.properties) {

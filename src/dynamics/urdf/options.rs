@@ -7,7 +7,7 @@ use std::path::PathBuf;
 /// How to import.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ImportOptions {
-    /// Fences.
+    /// Largest sizes that are accepted.
     pub limits: InputLimits,
     /// Folders of `package://name/…` paths. Nothing is resolved without them, and no mesh is opened in any case.
     pub packages: BTreeMap<String, PathBuf>,

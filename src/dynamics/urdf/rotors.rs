@@ -27,7 +27,24 @@ use serde::{Deserialize, Serialize};
 /// Largest rotor file, bytes.
 const LARGEST_FILE: usize = 1 << 20;
 
-/// What URDF cannot say about a vehicle.
+/// What URDF cannot say about a vehicle: a small TOML beside it (`quad.urdf` → `quad.rotors.toml`).
+///
+/// ```toml
+/// source = "data sheet of the motor, 2024"
+///
+/// [defaults]                       # any rotor value; each rotor may override it
+/// thrust_coefficient = 8.54858e-6  # N s²/rad²
+/// moment_per_thrust = 0.016        # m; or torque_coefficient, N m s²/rad²
+/// max_speed = 838.0                # rad/s; or max_thrust, N
+/// time_constant_up = 0.0125        # s; or time_constant for both ways
+/// time_constant_down = 0.025
+///
+/// [[rotors]]
+/// link = "rotor_0"                 # or joint = "…" (its child), or position = [x, y, z] alone
+/// spin = 1                         # +1 turns counter-clockwise seen from +axis, -1 clockwise
+/// ```
+///
+/// Further tables: `[[parts]]` (extra masses, as [`Part`]), `[drag]` ([`Drag`]) and `[gains]` ([`Gains`]).
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RotorFile {
@@ -106,7 +123,11 @@ pub struct RotorEntry {
 }
 
 impl RotorFile {
-    /// Reads the TOML; `file` is named in messages. An unknown key is an error that suggests the nearest known one.
+    /// Reads the TOML; `file` is named in messages.
+    ///
+    /// # Errors
+    /// [`Error::Limit`] above 1 MiB; [`Error::Format`] for what is no TOML, an unknown key (with the nearest known one), no rotor or too
+    /// many, two keys for one quantity, and numbers beyond all sizes.
     pub fn parse(text: &str, file: &str) -> Result<Self> {
         if text.len() > LARGEST_FILE {
             let (value, limit) = (format!("{} bytes", text.len()), format!("{LARGEST_FILE} bytes"));
@@ -124,6 +145,9 @@ impl RotorFile {
     }
 
     /// As TOML; [`RotorFile::parse`] reads it back equal, bit for bit.
+    ///
+    /// # Errors
+    /// [`Error::Format`] for what TOML cannot hold; there is no such rotor file.
     pub fn to_toml(&self) -> Result<String> {
         toml::to_string(self).map_err(|e| {
             fault(&self.file, "rotor file", format!("it cannot be written as TOML ({e})"), "Report this as a bug.")

@@ -72,7 +72,10 @@ pub fn names() -> Vec<&'static str> {
     REGISTRY.iter().map(|entry| entry.name).collect()
 }
 
-/// The built-in vehicle of that name (case does not matter), or [`Error::Unknown`] with the nearest.
+/// The built-in vehicle of that name (case does not matter).
+///
+/// # Errors
+/// [`Error::Unknown`] with the nearest.
 pub fn by_name(name: &str) -> Result<Vehicle> {
     match REGISTRY.iter().find(|entry| entry.name.eq_ignore_ascii_case(name)) {
         Some(entry) => Ok((entry.build)()),

@@ -77,7 +77,7 @@ impl RangeLimits {
     /// Checks that 0 ≤ least < most ≤ 10⁴ m.
     ///
     /// # Errors
-    /// Numbers that are not finite or out of order.
+    /// [`Error::Value`] for numbers that are not finite or out of order; `what` names the sensor in it.
     pub fn validate(&self, what: &str) -> Result<()> {
         finite(&format!("{what}: range"), &[self.least, self.most])?;
         if 0.0 <= self.least && self.least < self.most && self.most <= MAX_SIZE {

@@ -41,8 +41,8 @@ impl Rays {
     /// Rays along `directions`, of any length > 0.
     ///
     /// # Errors
-    /// No direction or more than [`MAX_RAYS`]; one that is not finite or has no length; a range as [`RangeLimits::validate`]
-    /// refuses.
+    /// [`Error::Limit`] for no direction or more than 2²⁰ ([`MAX_RAYS`]); [`Error::Value`] for one that is not finite or has no length; a
+    /// range as [`RangeLimits::validate`] refuses.
     pub fn new(directions: &[Vec3<f64>], range: RangeLimits) -> Result<Self> {
         range.validate("rays")?;
         let mut rays = Self { n: 0, range, directions: Vec::new(), cones: Vec::new() };
