@@ -129,7 +129,8 @@ impl<S: Scalar> Disturbance<S> {
 /// A symmetric 3×3 matrix: xx, yy, zz, xy, xz, yz.
 pub(crate) type Symmetric<S> = [S; 6];
 
-/// What the kernels multiply with, derived once from the parameters of a vehicle.
+/// What the kernels multiply with, derived once from the parameters of a vehicle with at most R rotors: see
+/// [`Multirotor`](crate::Multirotor) for the equations.
 #[derive(Debug, Clone, Copy)]
 pub struct RigidModel<S, const R: usize> {
     pub(crate) gravity: S,
@@ -181,7 +182,7 @@ impl<const R: usize> RigidModel<f64, R> {
         }
     }
 
-    /// `effects` with the flags that the geometry needs.
+    /// `effects` with the flags that the geometry needs: `tilted_rotors` and `products_of_inertia`.
     pub fn effects_of(&self, effects: Effects) -> Effects {
         let tilted = self.rotors.iter().any(|r| r.axis[0] != 0.0 || r.axis[1] != 0.0);
         let largest = self.inertia[..3].iter().fold(0.0, |a: f64, b| a.max(b.abs()));
@@ -195,8 +196,11 @@ impl<const R: usize> RigidModel<f64, R> {
 }
 
 impl<S: Scalar, const R: usize> RigidModel<S, R> {
-    /// From the vector of [`parameter_vector`], so that derivatives reach every physical parameter. Rotor radii are
-    /// geometry, not parameters.
+    /// From the 20 + 16 n numbers `p` of [`Multirotor::parameters`](crate::Multirotor::parameters), so that derivatives reach every
+    /// physical parameter, for substeps of `substep` seconds. Rotor `radii` (m, `[n]`, n ≤ R) are geometry, not parameters.
+    ///
+    /// # Panics
+    /// If `p` has fewer numbers.
     #[inline(always)]
     pub fn from_parameters(p: &[S], radii: &[f64], substep: f64) -> Self {
         let three = |first: usize| [p[first], p[first + 1], p[first + 2]];

@@ -157,7 +157,10 @@ impl Scene {
         self.gate_start(self.gates.len())
     }
 
-    /// Pose of the frame of gate `i`, world. `placement`, here and below, has [`n_placement`](Self::n_placement) numbers, else it panics.
+    /// Pose of the frame of gate `i`, world. `placement`, here and below, has [`n_placement`](Self::n_placement) numbers.
+    ///
+    /// # Panics
+    /// If there is no such gate, or `placement` is too short.
     #[inline]
     pub fn gate_pose<S: Scalar>(&self, placement: &[S], i: usize) -> Pose<S> {
         self.gate_pose_at(placement, i, self.gate_start(i))
@@ -171,6 +174,9 @@ impl Scene {
     }
 
     /// Pose of obstacle `i`, world.
+    ///
+    /// # Panics
+    /// If there is no such obstacle, or `placement` is too short.
     #[inline]
     pub fn obstacle_pose<S: Scalar>(&self, placement: &[S], i: usize) -> Pose<S> {
         self.obstacle_pose_at(placement, i, self.obstacle_start() + 3 * i)
@@ -184,6 +190,9 @@ impl Scene {
     }
 
     /// Gates, as their four bars each, then obstacles, where a placement puts them in the world. Neither ground nor meshes.
+    ///
+    /// # Panics
+    /// If `placement` is too short.
     pub fn solids(&self, placement: &[f64]) -> Vec<Shape> {
         let bars = |(i, gate): (usize, &Gate)| {
             gate.bars(&self.gate_pose(placement, i)).map(|[from, to]| rod(from, to, gate.bar_radius()))

@@ -1,5 +1,5 @@
 //! The step over the scalars that cost most to compile, at one rotor count for all vehicles (the rest are dead).
-//! Plain, dual, traced and lane steps of the public system are compared in `tests/one_source.rs`.
+//! Plain, dual, traced and lane steps of the public system are compared in `tests/autodiff/one_source.rs`.
 
 use super::*;
 use crate::{Vehicle, vehicles};

@@ -71,7 +71,9 @@ rotor_parameters! {
 }
 
 impl Rotor {
-    /// Its numbers in the order of [`ROTOR_PARAMETERS`].
+    /// Its numbers, SI, in the order of all vectors of parameters ([`ROTOR_PARAMETERS`]): position 3, axis 3, spin,
+    /// thrust_coefficient, moment_per_thrust, max_speed, time_constant_up, time_constant_down, inertia, drag_coefficient,
+    /// axial_drag_coefficient, rolling_coefficient. The radius is not among them.
     pub fn parameters(&self) -> [f64; N_ROTOR_PARAMETER] {
         ROTOR_PARAMETERS.map(|p| (p.get)(self))
     }
@@ -83,7 +85,7 @@ impl Rotor {
         }
     }
 
-    /// Names of its numbers: `rotor_0.spin`.
+    /// Names of its numbers in the same order: `rotor_0.spin`.
     pub fn parameter_names(&self) -> impl Iterator<Item = String> + '_ {
         ROTOR_PARAMETERS.iter().map(|p| format!("{}.{}", self.name, p.name))
     }

@@ -16,14 +16,14 @@ use crate::spatial::*;
 use autodiff::Scalar;
 
 /// Generalised forces τ = M(q) ν̇ + h(q, ν) − Σ Jᵀ f of outside loads (rotors, air, disturbance), about the velocity
-/// vector ν of [`Layout`](super::Layout): at a hinge the moment its joint supplies by damping, spring, limits and drive
+/// vector ν of [`mass_matrix`](super::mass_matrix()): at a hinge the moment its joint supplies by damping, spring, limits and drive
 /// together; at a floating root the wrench `[force (world); moment (body)]` that is missing, zero in free motion.
 ///
 /// `acceleration` and `force` have `n_velocity` numbers. Rotor speeds come from the state; `input` gives their commands,
 /// which matter through the rotors' spin-up torque alone.
 ///
 /// # Panics
-/// If a slice has another length than the layout says.
+/// If a slice is shorter than the layout says.
 pub fn inverse_dynamics<S: Scalar>(system: &Multibody, state: &[S], input: &[S], acceleration: &[S], force: &mut [S]) {
     let t = system.topology();
     let numbers = Source::Constants(system.parameters());
