@@ -1,6 +1,6 @@
 //! Settings with their defaults beside them.
 
-/// A struct whose every field stands with its default: `name: type = default,`.
+/// A struct whose every field stands with its default: `name: type = default,`. The documentation of the field says it too.
 #[macro_export]
 macro_rules! with_defaults {
     (
@@ -11,7 +11,12 @@ macro_rules! with_defaults {
     ) => {
         $(#[$meta])*
         $vis struct $name {
-            $($(#[$of_field])* $field_vis $field: $type,)+
+            $(
+                $(#[$of_field])*
+                #[doc = ""]
+                #[doc = concat!("Default: `", stringify!($default), "`.")]
+                $field_vis $field: $type,
+            )+
         }
 
         impl Default for $name {
