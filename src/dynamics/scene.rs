@@ -207,6 +207,9 @@ impl Scene {
     /// Exact outside. The gradient in the point has unit norm wherever one nearest point of one surface is nearest; where
     /// two are (half way between elements, on the axis of a bar, in the middle of a box) it is that of one of them, or 0
     /// on the axis itself.
+    ///
+    /// # Panics
+    /// As [`nearest`](Self::nearest).
     pub fn distance<S: Scalar>(&self, placement: &[S], point: Vec3<S>) -> S {
         self.check(placement.len());
         let mut least = S::constant(FAR);
@@ -229,6 +232,9 @@ impl Scene {
 
     /// Signed distance of a body to the nearest element, m; [`FAR`] at most. As exact as
     /// `contact::distance` is for the pair: the sign is right for all.
+    ///
+    /// # Panics
+    /// As [`nearest`](Self::nearest).
     pub fn clearance<S: Scalar>(&self, placement: &[S], geometry: &Geometry, pose: &Pose<S>) -> S {
         self.check(placement.len());
         let mut least = S::constant(FAR);
@@ -276,6 +282,9 @@ impl Scene {
     }
 
     /// How the step from `from` to `to` (world, m) meets the opening of gate `i`.
+    ///
+    /// # Panics
+    /// As [`nearest`](Self::nearest), and if there is no such gate.
     #[inline]
     pub fn passage<S: Scalar>(&self, placement: &[S], i: usize, from: Vec3<S>, to: Vec3<S>) -> Passage<S> {
         self.check(placement.len());
@@ -291,8 +300,8 @@ impl Scene {
     /// Checks every element; errors name it: `gate 'second'`, `obstacle 'pillar'`.
     ///
     /// # Errors
-    /// Numbers as [`Gate::validate`], [`Shape::validate`] and [`Mesh::validate`] refuse; a ground beyond `MAX_SIZE`; a name used twice;
-    /// more than `MAX_ELEMENTS` gates, obstacles or meshes.
+    /// Numbers as [`Gate::validate`], [`Shape::validate`] and [`Mesh::validate`] refuse; a ground beyond 1e4 m; a name used twice;
+    /// more than 4096 gates, obstacles or meshes ([`Error::Limit`]; all else is [`Error::Value`]).
     pub fn validate(&self) -> Result<()> {
         if let Some(height) = self.ground {
             within("scene: ground", height, -MAX_SIZE, MAX_SIZE)?;

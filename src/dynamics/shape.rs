@@ -101,7 +101,7 @@ impl Geometry {
     /// Checks the sizes; `what` names the shape in the error.
     ///
     /// # Errors
-    /// [`Error::Value`](base::error::Error::Value): a size that is not finite or outside `MIN_SIZE` to `MAX_SIZE` (a capsule's length may
+    /// [`Error::Value`](base::error::Error::Value): a size that is not finite or outside 1e-6 to 1e4 m (a capsule's length may
     /// be 0).
     pub fn validate(&self, what: &str) -> Result<()> {
         let at = |name: &str| format!("{what}: {name}");
@@ -187,7 +187,7 @@ impl Shape {
     /// Checks sizes and pose; `what` names the shape in the error.
     ///
     /// # Errors
-    /// Sizes as [`Geometry::validate`]; a position beyond `MAX_SIZE`; a rotation that is not of unit length (to 1e-6).
+    /// Sizes as [`Geometry::validate`]; a position beyond 1e4 m; a rotation that is not of unit length (to 1e-6).
     pub fn validate(&self, what: &str) -> Result<()> {
         self.geometry.validate(what)?;
         validate_pose(what, &self.position, &self.rotation)

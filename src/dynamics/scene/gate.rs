@@ -148,7 +148,7 @@ impl Gate {
     /// Checks every number; `what` names the gate in the error.
     ///
     /// # Errors
-    /// Lengths or scale outside `MIN_SIZE` to `MAX_SIZE`; bars so thick that nothing fits through; a pose as
+    /// [`Error::Value`] for lengths (m) or a scale outside 1e-6 to 1e4; bars so thick that nothing fits through; a pose as
     /// [`Shape::validate`](crate::shape::Shape::validate) refuses; a slide without mass or range.
     pub fn validate(&self, what: &str) -> Result<()> {
         validate_pose(what, &self.position, &self.rotation)?;

@@ -191,7 +191,7 @@ impl RayScene {
     /// Takes over ground, gates, obstacles and meshes of a scene where `placement` puts them, instead of all there was.
     ///
     /// # Errors
-    /// [`Error::Limit`] for more than 65 536 capsules or boxes ([`MAX_SOLIDS`]), and for more than [`MAX_TRIANGLES`] triangles of all
+    /// [`Error::Limit`] for more than 65 536 capsules or boxes ([`MAX_SOLIDS`]), and for more than 8 126 464 ([`MAX_TRIANGLES`]) triangles of all
     /// meshes.
     ///
     /// # Panics
