@@ -191,8 +191,8 @@ impl RayScene {
     /// Takes over ground, gates, obstacles and meshes of a scene where `placement` puts them, instead of all there was.
     ///
     /// # Errors
-    /// [`Error::Limit`] for more than 65 536 capsules or boxes ([`MAX_SOLIDS`]), and for more than 8 126 464 ([`MAX_TRIANGLES`]) triangles of all
-    /// meshes.
+    /// [`Error::Limit`] for more than 65 536 capsules or boxes ([`MAX_SOLIDS`]), and for more than 8 126 464 triangles of all meshes
+    /// ([`MAX_TRIANGLES`]).
     ///
     /// # Panics
     /// On a placement of another length than [`Scene::n_placement`].
