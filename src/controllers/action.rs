@@ -17,17 +17,17 @@ with_defaults! {
     #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct ActionScale {
-        /// Offset of the target from the present position in position mode, per axis, m. Default 1.
+        /// Offset of the target from the present position in position mode, per axis, m; (0, 1000]. Default 1.
         pub position: f64 = 1.0,
-        /// Velocity per axis, m/s. Default 1, as in the paper; the path of Track runs at up to 3.5 m/s, beyond what that commands.
+        /// Velocity per axis, m/s; (0, 1000]. Default 1, as in the paper; the path of Track runs at up to 3.5 m/s, beyond what that commands.
         pub velocity: f64 = 1.0,
-        /// Yaw in velocity and position mode, rad. Default π, as in the paper.
+        /// Yaw in velocity and position mode, rad; (0, 1000]. Default π, as in the paper.
         pub yaw: f64 = PI,
-        /// Body rates in rate mode, rad/s. Default π, as in the paper.
+        /// Body rates in rate mode, rad/s; (0, 1000]. Default π, as in the paper.
         pub rate: f64 = PI,
-        /// Yaw rate in attitude mode, rad/s. Default π, as in the paper.
+        /// Yaw rate in attitude mode, rad/s; (0, 1000]. Default π, as in the paper.
         pub yaw_rate: f64 = PI,
-        /// Roll and pitch in attitude mode, rad, < π/2. Default π/3; the paper's π asks for flight upside down.
+        /// Roll and pitch in attitude mode, rad; (0, 1.5]. Default π/3; the paper's π asks for flight upside down.
         pub tilt: f64 = FRAC_PI_3,
     }
 }
@@ -44,7 +44,10 @@ fn thrust<S: Scalar>(a: S, total: S) -> S {
 }
 
 impl ActionScale {
-    /// Checks that every scale is finite and > 0, and the tilt below π/2.
+    /// Checks that every scale is within (0, 1000], and the tilt within (0, 1.5] rad.
+    ///
+    /// # Errors
+    /// [`Error::Value`](base::error::Error::Value) that names the first outside.
     pub fn validate(&self) -> Result<()> {
         let rows = [
             ("action_scale.position", self.position, 1e3),
@@ -62,7 +65,7 @@ impl ActionScale {
         Ok(())
     }
 
-    /// Position mode: [Δx, Δy, Δz, ψ], world: a point at rest beside `position`.
+    /// Position mode: [Δx, Δy, Δz, ψ], world: a point at rest beside `position` (world, m), p + Δ · `self.position`, at yaw ψ · `self.yaw`.
     pub fn position<S: Scalar>(&self, action: [S; 4], position: Vec3<S>) -> Setpoint<S> {
         let (o, zero, p) = (S::zero(), [S::zero(); 3], S::constant(self.position));
         let mut target = position;
@@ -82,7 +85,7 @@ impl ActionScale {
         }
     }
 
-    /// Velocity mode: [v_x, v_y, v_z, ψ], world.
+    /// Velocity mode: [v_x, v_y, v_z, ψ], world, each times its scale; no feed-forward.
     #[inline]
     pub fn velocity<S: Scalar>(&self, action: [S; 4]) -> VelocityCommand<S> {
         let v = S::constant(self.velocity);
@@ -92,7 +95,7 @@ impl ActionScale {
         )
     }
 
-    /// Rate mode: [ω_x, ω_y, ω_z, thrust], body; thrust (a + 1)/2 · `total_thrust` (N).
+    /// Rate mode: [ω_x, ω_y, ω_z, thrust], body, rates times `self.rate`; thrust (a + 1)/2 · `total_thrust` (N).
     #[inline]
     pub fn rate<S: Scalar>(&self, action: [S; 4], total_thrust: S) -> RateCommand<S> {
         let w = S::constant(self.rate);

@@ -98,6 +98,9 @@ impl<S: Scalar> AttitudeCommand<S> {
     }
 
     /// Writes the flat form into the first [`Self::DIM`] numbers of `out`.
+    ///
+    /// # Panics
+    /// If `out` is shorter than that.
     pub fn write(&self, out: &mut [S]) {
         out[0] = self.thrust;
         for i in 0..3 {
@@ -110,6 +113,9 @@ impl<S: Scalar> AttitudeCommand<S> {
     }
 
     /// The inverse of [`write`](Self::write).
+    ///
+    /// # Panics
+    /// If `x` is shorter than [`Self::DIM`].
     pub fn read(x: &[S]) -> Self {
         Self {
             thrust: x[0],

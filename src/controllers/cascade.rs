@@ -137,6 +137,9 @@ impl<S: Scalar, const R: usize> CascadeMemory<S, R> {
     pub const DIM: usize = AttitudeCommand::<S>::DIM + RateCommand::<S>::DIM + R;
 
     /// Writes the flat form into the first [`Self::DIM`] numbers of `out`.
+    ///
+    /// # Panics
+    /// If `out` is shorter than that.
     pub fn write(&self, out: &mut [S]) {
         let (attitude, rest) = out.split_at_mut(AttitudeCommand::<S>::DIM);
         let (rate, rotors) = rest.split_at_mut(RateCommand::<S>::DIM);
@@ -148,6 +151,9 @@ impl<S: Scalar, const R: usize> CascadeMemory<S, R> {
     }
 
     /// The inverse of [`write`](Self::write).
+    ///
+    /// # Panics
+    /// If `x` is shorter than [`Self::DIM`].
     pub fn read(x: &[S]) -> Self {
         let (attitude, rest) = x.split_at(AttitudeCommand::<S>::DIM);
         let (rate, actions) = rest.split_at(RateCommand::<S>::DIM);

@@ -37,6 +37,9 @@ impl<S: Scalar> GainSet<S> {
     }
 
     /// Writes the flat form into the first [`Self::DIM`] numbers of `out`.
+    ///
+    /// # Panics
+    /// If `out` is shorter than that.
     pub fn write(&self, out: &mut [S]) {
         for i in 0..3 {
             out[i] = self.position[i];
@@ -54,6 +57,9 @@ impl<S: Scalar> GainSet<S> {
     }
 
     /// The inverse of [`write`](Self::write).
+    ///
+    /// # Panics
+    /// If `x` is shorter than [`Self::DIM`].
     pub fn read(x: &[S]) -> Self {
         Self {
             position: [x[0], x[1], x[2]],

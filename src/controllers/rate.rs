@@ -26,6 +26,9 @@ impl<S: Scalar> RateCommand<S> {
     }
 
     /// Writes the flat form into the first [`Self::DIM`] numbers of `out`.
+    ///
+    /// # Panics
+    /// If `out` is shorter than that.
     #[inline]
     pub fn write(&self, out: &mut [S]) {
         out[0] = self.thrust;
@@ -36,6 +39,9 @@ impl<S: Scalar> RateCommand<S> {
     }
 
     /// The inverse of [`write`](Self::write).
+    ///
+    /// # Panics
+    /// If `x` is shorter than [`Self::DIM`].
     #[inline]
     pub fn read(x: &[S]) -> Self {
         Self { thrust: x[0], angular_velocity: [x[1], x[2], x[3]], angular_acceleration: [x[4], x[5], x[6]] }

@@ -59,13 +59,13 @@ pub enum HoldReason {
 /// An allocation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AllocationSolution {
-    /// u.
+    /// u, `[n_input]`, in the unit of the inputs (N for thrusts).
     pub inputs: Vec<f64>,
     /// Multipliers of each cone, head first; empty where there are none.
     pub duals: Vec<Vec<f64>>,
     /// Who found it.
     pub solver: Solver,
-    /// Scaled KKT residual, recomputed.
+    /// Scaled KKT residual, without unit, recomputed from the conditions of optimality; see [`Problem::scales`].
     pub residual: f64,
     /// Steps of the active set or iterations of clarabel.
     pub steps: u32,
@@ -76,14 +76,14 @@ pub struct AllocationSolution {
 /// How often each path was taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Counts {
-    /// In the order of [`Solver::ALL`].
+    /// Answers of each solver, in the order of [`Solver::ALL`].
     pub solvers: [u64; 4],
     /// Answers of the closed form, the active set and clarabel that did not pass the certificate.
     pub refused: [u64; 3],
 }
 
 impl Counts {
-    /// How often `path` was taken.
+    /// How often `solver` found the answer.
     pub fn of(&self, solver: Solver) -> u64 {
         self.solvers[solver as usize]
     }
@@ -93,11 +93,11 @@ with_defaults! {
     /// What an allocator may use, and how exact an answer has to be.
     #[derive(Debug, Clone, Copy, PartialEq)]
     pub struct AllocatorSettings {
-        /// Largest scaled KKT residual of an answer that moves a rotor.
+        /// Largest scaled KKT residual of an answer that moves a rotor. Default 1e-7.
         pub tolerance: f64 = 1e-7,
-        /// Whether the closed form and the active set are tried before clarabel.
+        /// Whether the closed form and the active set are tried before clarabel. Default true.
         pub fast: bool = true,
-        /// Whether the active set starts from the last one.
+        /// Whether the active set starts from the last one. Default true.
         pub warm: bool = true,
     }
 }
@@ -182,7 +182,8 @@ impl Allocator {
         self.counts
     }
 
-    /// New bounds; does not allocate. Bounds out of order are met in [`solve`](Self::solve), by holding.
+    /// New bounds, `[n_input]` each, in the unit of the inputs; does not allocate. Bounds out of order are met in
+    /// [`solve`](Self::solve), by holding.
     ///
     /// # Panics
     /// If a slice does not have one number per input.
@@ -292,7 +293,9 @@ impl Allocator {
         (self.conic, self.solved) = (None, None);
     }
 
-    /// The best inputs for a wrench.
+    /// The best inputs for a wrench `[force; moment]` (N, N m, in the axes and about the point of the geometry): the least
+    /// [`Problem::objective`] within all bounds and cones. Without a certified answer the last good inputs are held, and
+    /// [`AllocationSolution::reason`] says why.
     pub fn solve(&mut self, wrench: &[f64; WRENCH]) -> &AllocationSolution {
         let reason = match self.unusable(wrench) {
             Some(reason) => Some(reason),
@@ -311,7 +314,7 @@ impl Allocator {
         &self.last
     }
 
-    /// The gradient of a cost with respect to every number of the problem, from `cotangent` = ∂cost/∂u* at the last
+    /// The gradient of a cost with respect to every number of the problem, from `cotangent` = ∂cost/∂u*, `[n_input]`, at the last
     /// answer; over the numbers of `out`. On the fast paths the factorisation of the answer is used again, and nothing is
     /// allocated. Returns the [`AllocationSensitivity::margin`] to the next change of the active set: near 0 the derivative is
     /// one-sided. `None`, with NaN in `out`, where inputs were held or the problem has changed since.
@@ -336,7 +339,7 @@ impl Allocator {
         margin
     }
 
-    /// The change of the last answer with a change of the problem's numbers, du*, into `out`: the transpose of
+    /// The change of the last answer with a change of the problem's numbers, du*, into `out`, `[n_input]`: the transpose of
     /// [`reverse`](Self::reverse), likewise without allocation on the fast paths. Returns the same margin, or `None`.
     ///
     /// # Panics

@@ -34,9 +34,9 @@ type Row = [f64; WRENCH];
 /// One side of the attainable set: `normal`·y ≤ `offset`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Facet {
-    /// Outwards, of unit length, over the chosen rows.
+    /// Outwards, of unit length, one number per chosen row.
     pub normal: Row,
-    /// N.
+    /// Distance from the origin, N; moments are divided by the [`length`](AttainableWrenches::length).
     pub offset: f64,
 }
 
@@ -154,7 +154,8 @@ impl AttainableWrenches {
         &self.facets
     }
 
-    /// A wrench `[force; moment]` in the chosen rows, N.
+    /// A wrench `[force; moment]` (N, N m) in the chosen rows, N: moments divided by the [`length`](Self::length). Behind the chosen
+    /// rows, zeros.
     pub fn scaled(&self, wrench: &[f64; WRENCH]) -> [f64; WRENCH] {
         let mut row = [0.0; WRENCH];
         for (slot, axis) in row.iter_mut().zip(&self.axes) {
@@ -204,11 +205,11 @@ pub struct WrenchMargin {
     pub rank: usize,
     /// Of the scaled rows: the norm of the weakest wrench (N) that inputs of norm 1 N make; 0 below full rank.
     pub smallest_singular_value: f64,
-    /// Likewise, of the strongest.
+    /// Likewise, of the strongest wrench.
     pub largest_singular_value: f64,
     /// Rows that cannot be commanded on their own.
     pub dropped: Vec<Axis>,
-    /// Of the wanted wrench.
+    /// Distance of the wanted wrench to the boundary.
     pub margin: Margin,
 }
 
@@ -221,7 +222,7 @@ impl WrenchMargin {
         Self::within(problem, &AttainableWrenches::of(problem, axes)?, wrench)
     }
 
-    /// Likewise, with the attainable set of the problem at hand.
+    /// Likewise, with the attainable set of the problem at hand; the axes are those of `set`.
     ///
     /// # Errors
     /// [`Error::Value`] if the wrench is not finite.

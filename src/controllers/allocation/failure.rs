@@ -24,9 +24,9 @@ pub const LEAST_MARGIN: f64 = 0.01;
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RotorFailure {
-    /// Index of the rotor.
+    /// Index of the rotor, from 0.
     pub rotor: usize,
-    /// When, s.
+    /// When, s from the start of the flight.
     pub at: f64,
     /// What is left of its largest thrust, in [0, 1). Default 0.
     #[serde(default)]
@@ -34,7 +34,7 @@ pub struct RotorFailure {
 }
 
 impl RotorFailure {
-    /// A rotor that stops.
+    /// A rotor that stops at a time, s.
     pub fn lost(rotor: usize, at: f64) -> Self {
         Self { rotor, at, effectiveness: 0.0 }
     }
@@ -125,7 +125,7 @@ impl Capability {
 /// What is left of a vehicle with some rotors weakened or lost.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Assessment {
-    /// Effectiveness of each rotor.
+    /// Effectiveness of each rotor, `[n_rotor]`: the share of its largest thrust that is left, 0 to 1.
     pub health: Vec<f64>,
     /// What it can hold.
     pub capability: Capability,
@@ -133,14 +133,14 @@ pub struct Assessment {
     pub steered: WrenchMargin,
     /// Hover over thrust, roll and pitch.
     pub without_yaw: WrenchMargin,
-    /// The turn that carries it where nothing else does.
+    /// The turn that carries it, where its capability is [`Capability::Spinning`].
     pub spin: Option<Spin>,
     /// Most thrust along body z without roll and pitch moment, N; 0 where not even the weight is attainable.
     pub lift: f64,
 }
 
 impl Assessment {
-    /// Of a vehicle whose rotor i has effectiveness `health[i]`.
+    /// Of a vehicle whose rotor i has effectiveness `health[i]`, 0 (stopped) to 1 (whole).
     ///
     /// # Errors
     /// As [`problem`] and [`AttainableWrenches::of`].

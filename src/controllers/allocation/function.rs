@@ -102,7 +102,8 @@ impl AllocationFunction {
         self.n_number
     }
 
-    /// u* with a wrench that lives and all other numbers from `problem`.
+    /// u*, `[n_input]`, with a wrench (N, N m) over any scalar and all other numbers from `problem`; derivatives are with respect to
+    /// the wrench.
     ///
     /// # Panics
     /// If `problem` has another structure than the template, or `inputs` not one slot per input.
@@ -121,7 +122,7 @@ impl AllocationFunction {
         self.operation.call(numbers, inputs);
     }
 
-    /// u* of all numbers, see [`AllocationFunction`] for their order.
+    /// u*, `[n_input]`, of all [`n_number`](Self::n_number) numbers, see [`AllocationFunction`] for their order.
     ///
     /// # Panics
     /// If a slice has another length.

@@ -127,7 +127,8 @@ impl AllocationSensitivity {
     }
 
     /// One Newton step on the optimality conditions from the inputs and multipliers this was made from: an interior point
-    /// becomes exact to rounding where its active set is right. Inputs, and multipliers of each cone.
+    /// becomes exact to rounding where its active set is right. `duals` are those of the solution; returns inputs `[n_input]`, and
+    /// multipliers of each cone.
     pub fn polished(&self, duals: &[Vec<f64>]) -> (Vec<f64>, Vec<Vec<f64>>) {
         let (p, n) = (&self.problem, self.problem.n_input());
         let mut u = self.inputs.clone();
@@ -177,7 +178,10 @@ impl AllocationSensitivity {
         (u.iter().copied().collect(), z)
     }
 
-    /// du* for a change of the problem's numbers.
+    /// du*, `[n_input]`, for a change of the problem's numbers.
+    ///
+    /// # Panics
+    /// If `change` does not have the sizes of the problem.
     pub fn forward(&self, change: &Variation) -> Vec<f64> {
         let n = self.problem.n_input();
         let mut du = DVector::zeros(n);
@@ -254,7 +258,11 @@ impl AllocationSensitivity {
         }
     }
 
-    /// The gradient of a cost with respect to every number, from `cotangent` = ∂cost/∂u*.
+    /// The gradient of a cost with respect to every number, from `cotangent` = ∂cost/∂u*, `[n_input]`: the transpose of
+    /// [`forward`](Self::forward).
+    ///
+    /// # Panics
+    /// If `cotangent` is shorter.
     pub fn reverse(&self, cotangent: &[f64]) -> Variation {
         let mut out = Variation::zero(&self.problem);
         self.reverse_into(cotangent, &mut out);
@@ -262,6 +270,9 @@ impl AllocationSensitivity {
     }
 
     /// Likewise, over the numbers of `out`.
+    ///
+    /// # Panics
+    /// If `cotangent` or `out` do not have the sizes of the problem.
     pub fn reverse_into(&self, cotangent: &[f64], out: &mut Variation) {
         let (p, n) = (&self.problem, self.problem.n_input());
         let (f, m) = (self.free.len(), self.equations.len());

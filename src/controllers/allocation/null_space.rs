@@ -20,7 +20,8 @@ pub const WEAK: f64 = 0.02;
 /// ρ over the largest diagonal entry of BᵀWB.
 pub(crate) const GIVE: f64 = 1e-3;
 
-/// An [`Allocator`] whose preference follows the wrench.
+/// An [`Allocator`] whose preference follows the wrench: of all inputs that make it, those nearest to a goal,
+/// `u = u_goal + B⁺ (w − B u_goal)`, or the bounded problem where that breaks a limit.
 pub struct NullSpaceAllocator {
     problem: Problem,
     allocator: Allocator,
@@ -49,7 +50,7 @@ impl NullSpaceAllocator {
         Ok(Self { problem, allocator, geometry, inverse, step, inputs, free: 0 })
     }
 
-    /// B⁺, n × 6.
+    /// B⁺, n × 6: the pseudo-inverse of the geometry weighed by W, directions weaker than 0.02 of the strongest left out.
     pub fn inverse(&self) -> &DMatrix<f64> {
         &self.inverse
     }
@@ -60,7 +61,7 @@ impl NullSpaceAllocator {
         std::array::from_fn(|k| all[(k, k)])
     }
 
-    /// Changes geometry, bounds or cones.
+    /// Changes geometry, bounds or cones. A problem that is then not valid is met in [`solve`](Self::solve), by holding.
     pub fn change(&mut self, change: impl FnOnce(&mut Problem)) {
         change(&mut self.problem);
         if self.problem.geometry != self.geometry {
@@ -75,7 +76,7 @@ impl NullSpaceAllocator {
         &self.inputs
     }
 
-    /// How often the closed form was allowed, and what the allocator did otherwise.
+    /// How often the closed form kept all limits, and what the allocator did otherwise.
     pub fn counts(&self) -> (u64, Counts) {
         (self.free, self.allocator.counts())
     }
@@ -93,7 +94,8 @@ impl NullSpaceAllocator {
         )
     }
 
-    /// The inputs for a wrench. Where nothing is certified the last ones are held. Allocates where a limit acts: the cone
+    /// The inputs for a wrench `[force; moment]` (N, N m), nearest to `goal`, `[n_input]`. Where nothing is certified the last ones
+    /// are held. Allocates where a limit acts: the cone
     /// program and clarabel do.
     pub fn solve(&mut self, wrench: &[f64; WRENCH], goal: &[f64]) -> &[f64] {
         let rest = self.problem.miss(wrench, goal);

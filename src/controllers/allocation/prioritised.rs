@@ -54,7 +54,7 @@ pub struct PrioritisedSolution {
 }
 
 impl PrioritisedAllocator {
-    /// `rows[s]` are the rows of stage s, by their number in a wrench. Rows in no stage are left out.
+    /// `rows[s]` are the rows of stage s, by their number in a wrench `[force; moment]`, 0 to 5. Rows in no stage are left out.
     ///
     /// # Errors
     /// [`Error::Value`] for no stage, a row twice or out of range, or a problem with cones; otherwise as
@@ -114,7 +114,7 @@ impl PrioritisedAllocator {
         self.counts
     }
 
-    /// The best inputs for a wrench, stage by stage. Where a stage cannot be solved, the answer of the one before it
+    /// The best inputs for a wrench (N, N m), stage by stage. Where a stage cannot be solved, the answer of the one before it
     /// stands; where the first cannot, the last answer is held within the bounds of now.
     pub fn solve(&mut self, wrench: &[f64; WRENCH]) -> PrioritisedSolution {
         let size = self.problem.scales(wrench).input;

@@ -54,11 +54,14 @@ impl Affine {
     }
 
     /// Its value at u.
+    ///
+    /// # Panics
+    /// If `u` lacks an input that it names.
     pub fn at(&self, u: &[f64]) -> f64 {
         self.terms.iter().fold(self.constant, |sum, (j, a)| sum + a * u[*j])
     }
 
-    /// Its linear part along a direction.
+    /// Its linear part along a direction of u, Σ aᵢ d_{jᵢ}.
     pub fn slope(&self, direction: &[f64]) -> f64 {
         self.terms.iter().map(|(j, a)| a * direction[*j]).sum()
     }
@@ -174,11 +177,11 @@ pub struct Problem {
     pub weights: [f64; WRENCH],
     /// ρ, 1/N² if inputs are thrusts.
     pub regularisation: f64,
-    /// u_pref: where inputs go that the wrench leaves free.
+    /// u_pref, `[n_input]`: where inputs go that the wrench leaves free.
     pub preference: Vec<f64>,
-    /// May be −∞ where a cone bounds the input.
+    /// Lower bounds, `[n_input]`, in the unit of the inputs; −∞ where a cone bounds the input.
     pub lower: Vec<f64>,
-    /// A failed rotor has 0 here, a weakened one less than its maximum.
+    /// Upper bounds, `[n_input]`, likewise. A failed rotor has 0 here, a weakened one less than its maximum.
     pub upper: Vec<f64>,
     /// Thrust vectors, tilts, windows.
     pub cones: Vec<Cone>,
@@ -232,7 +235,7 @@ impl Problem {
         self
     }
 
-    /// n.
+    /// n, the number of inputs.
     pub fn n_input(&self) -> usize {
         self.geometry.ncols()
     }
@@ -307,7 +310,7 @@ impl Problem {
         0.5 * (miss + self.regularisation * far)
     }
 
-    /// B u.
+    /// B u: the wrench `[force; moment]` that inputs make, N, N m.
     pub fn delivered(&self, u: &[f64]) -> [f64; WRENCH] {
         let b = self.geometry.as_slice();
         let mut w = [0.0; WRENCH];
@@ -319,7 +322,7 @@ impl Problem {
         w
     }
 
-    /// B u − w.
+    /// B u − w: what is made beyond the wanted wrench, N, N m.
     pub fn miss(&self, wrench: &[f64; WRENCH], u: &[f64]) -> [f64; WRENCH] {
         let mut e = self.delivered(u);
         for (e, w) in e.iter_mut().zip(wrench) {
@@ -328,7 +331,7 @@ impl Problem {
         e
     }
 
-    /// ∇f(u) = Bᵀ W (Bu − w) + ρ (u − u_pref), into `gradient`.
+    /// ∇f(u) = Bᵀ W (Bu − w) + ρ (u − u_pref), into `gradient`, `[n_input]`.
     pub fn gradient(&self, wrench: &[f64; WRENCH], u: &[f64], gradient: &mut [f64]) {
         let mut e = self.miss(wrench, u);
         for (e, w) in e.iter_mut().zip(&self.weights) {
@@ -342,7 +345,7 @@ impl Problem {
         }
     }
 
-    /// H = Bᵀ W B + ρ I.
+    /// H = Bᵀ W B + ρ I, n × n.
     pub fn hessian(&self) -> DMatrix<f64> {
         let weighted = DMatrix::from_diagonal(&DVector::from_column_slice(&self.weights)) * &self.geometry;
         let mut h = self.geometry.transpose() * weighted;

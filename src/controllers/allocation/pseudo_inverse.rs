@@ -14,7 +14,7 @@ const SAME: f64 = 1e-9;
 /// P of T = P [F_z, M_x, M_y, M_z], one row per rotor, with what it can and cannot do.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mixer {
-    /// [–, 1/m, 1/m, 1/m] per rotor.
+    /// P, one row per rotor: thrust per force (–) and per roll, pitch and yaw moment (1/m).
     pub rows: Vec<[f64; 4]>,
     /// Rank, weakest direction, lost axes.
     pub authority: Authority,
@@ -27,6 +27,9 @@ impl Mixer {
     ///
     /// Moments are divided by the characteristic length before the decomposition, so that rank does not depend on
     /// units; with full row rank P does not depend on that scaling.
+    ///
+    /// # Errors
+    /// [`Error::Value`] if the vehicle is not valid, or its geometry has no singular value decomposition.
     pub fn new(vehicle: &Vehicle) -> Result<Self> {
         vehicle.validate()?;
         let (rows, authority) = decompose(vehicle);
@@ -68,6 +71,9 @@ impl Mixer {
     }
 
     /// For a kernel of `R` rotors: the vehicle's rows first, zero rows behind them.
+    ///
+    /// # Errors
+    /// [`Error::Limit`] for more than `R` rotors.
     pub fn padded<S: Scalar, const R: usize>(&self) -> Result<[[S; 4]; R]> {
         fits(self.rows.len(), R)?;
         let mut padded = [[S::zero(); 4]; R];
@@ -133,7 +139,7 @@ pub fn allocate_yaw_last<S: Scalar, const R: usize>(
     thrusts
 }
 
-/// a = 2T/T_max − 1, the rotor action that holds thrust T.
+/// a = 2T/T_max − 1, the rotor action in [−1, 1] that holds thrust T (N).
 #[inline]
 pub fn thrust_to_command<S: Scalar, const R: usize>(thrusts: &[S; R], max_thrust: &[S; R]) -> [S; R] {
     let mut commands = *thrusts;
