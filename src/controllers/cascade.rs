@@ -50,6 +50,9 @@ impl Level {
     }
 
     /// The level called `name`.
+    ///
+    /// # Errors
+    /// [`Error::Unknown`] with the names there are.
     pub fn by_name(name: &str) -> Result<Self> {
         Self::ALL.into_iter().find(|level| level.name() == name).ok_or_else(|| Error::Unknown {
             kind: "control level",
@@ -91,7 +94,10 @@ impl RateDivisors {
     /// Most steps between two computations.
     const LONGEST: f64 = 1e6;
 
-    /// Fails where a rate does not divide the simulation's own, 1/dt.
+    /// For simulation steps of `dt` seconds, within (0, 1].
+    ///
+    /// # Errors
+    /// [`Error::Value`] for another `dt`, or where a rate does not divide the simulation's own, 1/dt.
     pub fn new(rates: &Rates, dt: f64) -> Result<Self> {
         if !(dt > 0.0 && dt <= 1.0) {
             return Err(Error::value("dt", dt, "within (0, 1] s", "Give the simulation step in seconds."));
@@ -218,7 +224,7 @@ pub struct CascadeModel<S, const R: usize> {
     pub gains: GainSet<S>,
     /// Of tilt and thrust.
     pub limits: ForceLimits<S>,
-    /// Rotor thrusts per [F_z, M_x, M_y, M_z].
+    /// Rotor thrusts (N) per [F_z, M_x, M_y, M_z], one row per rotor: –, 1/m, 1/m, 1/m.
     pub mixer: [[S; 4]; R],
     /// T_max per rotor, N.
     pub max_thrust: [S; R],
@@ -514,7 +520,10 @@ pub struct Cascade<const R: usize = MAX_ROTORS> {
 }
 
 impl<const R: usize> Cascade<R> {
-    /// For simulation steps of `dt` seconds.
+    /// For simulation steps of `dt` seconds, with default [`CommandLimits`].
+    ///
+    /// # Errors
+    /// As [`CascadeModel::new`] and [`RateDivisors::new`].
     pub fn new(vehicle: &Vehicle, gains: &Gains, rates: &Rates, dt: f64) -> Result<Self> {
         let model = CascadeModel::new(vehicle, gains)?;
         let authority = Mixer::new(vehicle)?.authority;
@@ -539,21 +548,21 @@ impl<const R: usize> Cascade<R> {
         self.held.rotors
     }
 
-    /// One step of a velocity command.
+    /// One step of a velocity command; returns rotor actions in [−1, 1].
     pub fn velocity(&mut self, state: &Kinematics<f64>, command: &VelocityCommand<f64>) -> [f64; R] {
         let ticks = self.tick();
         self.held = self.model.velocity(&self.model.own(state), &self.held, command, ticks);
         self.held.rotors
     }
 
-    /// One step of an attitude command.
+    /// One step of an attitude command; returns rotor actions in [−1, 1].
     pub fn attitude(&mut self, state: &Kinematics<f64>, command: &AttitudeCommand<f64>) -> [f64; R] {
         let ticks = self.tick();
         self.held = self.model.attitude(&self.model.own(state), &self.held, command, ticks);
         self.held.rotors
     }
 
-    /// One step of a rate command.
+    /// One step of a rate command; returns rotor actions in [−1, 1].
     pub fn rate(&mut self, state: &Kinematics<f64>, command: &RateCommand<f64>) -> [f64; R] {
         let ticks = self.tick();
         self.held = self.model.rate(&self.model.own(state), &self.held, command, ticks);

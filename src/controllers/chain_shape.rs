@@ -136,7 +136,7 @@ impl ChainRamp {
         x * x * x * (x * (6.0 * x - 15.0) + 10.0)
     }
 
-    /// Writes the servos' commands.
+    /// Writes the servos' commands at a time, s, in [−1, 1], at their places in the plant's input.
     pub fn command(&self, time: f64, input: &mut [f64]) {
         let share = self.share(time);
         for s in &self.servos {

@@ -30,9 +30,9 @@ pub(crate) const MAX_LATENCY: usize = 1000;
 pub struct ExogenousInputs {
     /// Wind, force and moment; plays no part where the effect `disturbance` is off.
     pub air: Disturbance<f64>,
-    /// Added to the commands before their latency; empty for nothing.
+    /// Added to the commands before their latency, `[n_command]`; empty for nothing.
     pub at_input: Vec<f64>,
-    /// Added to the state that the controller sees: noise, bias, a probe; empty for nothing.
+    /// Added to the state that the controller sees, `[n_state]` of the plant: noise, bias, a probe; empty for nothing.
     pub at_output: Vec<f64>,
 }
 
@@ -148,7 +148,7 @@ impl<C: Controller> ClosedLoop<C> {
         })
     }
 
-    /// Commands act this many steps after they were given; the line begins with those of hover.
+    /// Commands act this many steps after they were given, 0 to 1000; the line begins with those of hover.
     ///
     /// # Errors
     /// [`Error::Limit`] above `MAX_LATENCY`.
@@ -195,7 +195,7 @@ impl<C: Controller> ClosedLoop<C> {
         &self.plant
     }
 
-    /// The plant as it is by now.
+    /// The plant as it is by now, with the rotors that have failed.
     pub fn present(&self) -> &Plant {
         self.run.damaged.as_ref().unwrap_or(&self.plant)
     }

@@ -9,12 +9,12 @@ pub struct Proportion {
     pub hits: usize,
     /// Of how many.
     pub n: usize,
-    /// Where the share lies with the confidence ([`clopper_pearson`]).
+    /// Bounds `[low, high]` of the true share, at the confidence ([`clopper_pearson`]).
     pub bounds: [f64; 2],
 }
 
 impl Proportion {
-    /// `hits` of `n`, with a confidence as 0.95.
+    /// `hits` of `n`; `confidence` within (0, 1), as 0.95.
     pub fn counted(hits: usize, n: usize, confidence: f64) -> Self {
         Self { hits, n, bounds: clopper_pearson(hits, n, confidence) }
     }
@@ -25,13 +25,13 @@ impl Proportion {
 pub struct Quantile {
     /// The least value that at least this share of all do not exceed.
     pub value: f64,
-    /// Where the quantile lies with the confidence; without end where there are too few values to say.
+    /// Bounds `[low, high]` of the true quantile, at the confidence; infinite where there are too few values to say.
     pub bounds: [f64; 2],
 }
 
 impl Quantile {
-    /// Of `share` (0.5: the median) of values in rising order, with a confidence as 0.95. How many values lie below a quantile is
-    /// binomial whatever their distribution: the bounds are the values at both ends of that count.
+    /// Of `share` (0.5: the median) of values in rising order, with a confidence as 0.95; NaN without values. How many values lie
+    /// below a quantile is binomial whatever their distribution: the bounds are the values at both ends of that count.
     ///
     /// Source: David and Nagaraja 2003, section 7.1.
     pub fn met(sorted: &[f64], share: f64, confidence: f64) -> Self {
@@ -47,8 +47,8 @@ impl Quantile {
     }
 }
 
-/// Where a share lies with a confidence, of which `hits` of `n` are known: the shares at which so many or more, and so few or
-/// fewer, would each come with half of what is left. Exact, and never too narrow.
+/// Exact bounds `[low, high]` of a share after `hits` of `n` tries: P(X ≥ hits) = (1 − confidence)/2 at `low` and P(X ≤ hits) =
+/// (1 − confidence)/2 at `high`, X binomial. Never too narrow; `[0, 1]` without a try.
 ///
 /// Source: Clopper and Pearson 1934.
 pub fn clopper_pearson(hits: usize, n: usize, confidence: f64) -> [f64; 2] {

@@ -13,9 +13,10 @@ use flight::Commanded;
 /// What a controller may see.
 #[derive(Debug, Clone, Copy)]
 pub struct Measurement<'a> {
-    /// s.
+    /// Time since the start, s.
     pub time: f64,
-    /// Of the whole plant, in its layout: the truth, unless a [`ClosedLoop`](super::ClosedLoop) puts something between.
+    /// State of the whole plant, `[n_state]`, in its layout: the truth, unless a [`ClosedLoop`](super::ClosedLoop) puts something
+    /// between.
     pub state: &'a [f64],
     /// What the sensors of the loop read, in the order of their channels; empty without any.
     pub readings: &'a [f64],
@@ -89,15 +90,16 @@ pub trait Controller: Send {
     fn holds_tilt(&self) -> bool {
         false
     }
-    /// What follows the reference: the root of the plant unless told otherwise.
+    /// What follows the reference: by default the root of the plant.
     fn tracked(&self, state: &[f64]) -> Kinematics<f64> {
         Kinematics::read(state)
     }
     /// Forgets: the next tick is the first.
     fn reset(&mut self);
-    /// Writes rotor actions and drive commands, in [−1, 1], at their places in the plant's input.
+    /// Writes rotor actions and drive commands, in [−1, 1], at their places in the plant's input, `[n_input]`.
     fn tick(&mut self, seen: Measurement<'_>, target: Target<'_>, commands: &mut [f64]);
-    /// Told what is left of each rotor, 1 for whole ones. A controller that knows no failures flies on as before.
+    /// Learns what is left of each rotor, `[n_rotor]`, 0 to 1, 1 for whole ones. A controller that knows no failures flies on as
+    /// before.
     ///
     /// # Errors
     /// As the allocation of what is left.

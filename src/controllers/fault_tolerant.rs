@@ -123,7 +123,7 @@ impl FaultTolerant {
         })
     }
 
-    /// From now on rotor i has effectiveness `health[i]`; all 1 is the nominal cascade again.
+    /// From now on rotor i has effectiveness `health[i]`, 0 (stopped) to 1; all 1 is the nominal cascade again.
     ///
     /// # Errors
     /// As [`Assessment::of`]; the controller then flies on as before.
@@ -147,7 +147,7 @@ impl FaultTolerant {
         Ok(())
     }
 
-    /// What it was told is left; `None` while whole.
+    /// What is left of the vehicle, as last told; `None` while whole.
     pub fn assessment(&self) -> Option<&Assessment> {
         self.broken.as_ref().map(|b| &b.assessment)
     }

@@ -31,25 +31,25 @@ pub const LOST: f64 = 10.0;
 pub struct FlightPlan {
     /// The reference to track; the flight starts on it, at rest.
     pub reference: Reference,
-    /// Roll and pitch beside it, for what can hold them; level unless told otherwise.
+    /// Roll and pitch beside it, for what can hold them. Default level.
     pub tilt: Tilt,
-    /// s.
+    /// Length of the flight, s; at most 5 million steps. Default 15.
     pub duration: f64,
     /// Time step, integrator, effects; `disturbance` is switched on where there is wind.
     pub physics: Physics,
     /// How often each control level computes: what the controller was built for.
     pub rates: Rates,
-    /// Wind along the flight.
+    /// Wind along the flight. Default none.
     pub wind: Wind,
-    /// Of the wind and of what sensors read.
+    /// Seed of the wind and of what sensors read. Default 0.
     pub seed: u64,
-    /// Rotors that weaken or stop on the way.
+    /// Rotors that weaken or stop on the way. Default none.
     pub failures: Vec<RotorFailure>,
-    /// How long after a failure the controller knows of it and of what is left, s; until then it flies on as before.
+    /// How long after a failure the controller knows of it and of what is left, s; until then it flies on as before. Default 0.05.
     pub detection_delay: f64,
-    /// Steps by which commands act late.
+    /// Steps by which commands act late, 0 to 1000. Default 0.
     pub latency: usize,
-    /// What reads along, into the log; controllers are given the truth.
+    /// Sensors that read along, into the log; controllers are given the truth. Default none.
     pub sensors: Vec<SensorConfig>,
 }
 
@@ -87,7 +87,7 @@ pub struct Flight {
 }
 
 impl Flight {
-    /// When the tracked point was first more than `LOST` from the reference, the largest jump of the reference between
+    /// When the tracked point was first more than 10 m (`LOST`) from the reference, the largest jump of the reference between
     /// two steps allowed for, s, and how far it came, m; `None` for a flight that was not lost.
     pub fn lost(&self) -> Option<(f64, f64)> {
         let (errors, wanted) = (self.log.error_norm(), &self.log.reference_position);

@@ -33,12 +33,12 @@ impl HoverAxes<f64> {
         }
     }
 
-    /// Of a hover.
+    /// Of a hover trim.
     pub fn at(hover: &HoverTrim) -> Self {
         Self { leans: !hover.is_level(), turn: hover.attitude }
     }
 
-    /// Whether hover leans.
+    /// Whether hover leans: its axes are not those of the body.
     pub fn leans(&self) -> bool {
         self.leans
     }

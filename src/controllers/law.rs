@@ -17,7 +17,7 @@ use std::sync::Arc;
 /// What a law gets in a tick.
 #[derive(Debug, Clone, Copy)]
 pub struct LawInput<'a, S> {
-    /// What is measured: the state of the whole plant, in its layout.
+    /// What is measured: the state of the whole plant, `[n_state]`, in its layout.
     pub state: &'a [S],
     /// What [`ControlLaw::write_target`] wrote.
     pub target: &'a [S],
@@ -65,25 +65,25 @@ pub trait ControlLaw: Send + Sync + 'static {
     fn schedule(&self) -> Option<RateDivisors> {
         None
     }
-    /// What follows the reference: the root of the plant unless told otherwise.
+    /// What follows the reference: by default the root of the plant.
     fn tracked(&self, state: &[f64]) -> Kinematics<f64> {
         Kinematics::read(state)
     }
-    /// Numbers of a target: those of a [`Setpoint`] unless told otherwise.
+    /// Numbers of a target: by default those of a [`Setpoint`].
     fn n_target(&self) -> usize {
         Setpoint::<f64>::DIM
     }
-    /// Writes the target at a time, s.
+    /// Writes the target at a time, s, into `row`, `[n_target]`.
     fn write_target(&self, target: Target<'_>, time: f64, row: &mut [f64]) {
         target.sample(time).write(row);
     }
-    /// Numbers that say which of its levels compute; none unless told otherwise.
+    /// How many numbers say which of its levels compute; by default none.
     fn n_tick(&self) -> usize {
         0
     }
-    /// Writes them for a tick: 1 compute, 0 hold.
+    /// Writes them for a tick, counted from 0, `[n_tick]`: 1 compute, 0 hold.
     fn write_ticks(&self, _tick: u64, _ticks: &mut [f64]) {}
-    /// The memory before the first tick; none unless told otherwise.
+    /// The memory before the first tick; by default none.
     fn memory(&self) -> Vec<f64> {
         Vec::new()
     }
@@ -91,11 +91,11 @@ pub trait ControlLaw: Send + Sync + 'static {
     fn commanded(&self, _memory: &[f64]) -> Option<Commanded> {
         None
     }
-    /// Numbers that may be tuned and differentiated; none unless told otherwise.
+    /// Numbers that may be tuned and differentiated; by default none.
     fn parameters(&self) -> Vec<f64> {
         Vec::new()
     }
-    /// Their names.
+    /// Names of the parameters, in their order.
     fn parameter_names(&self) -> Vec<String> {
         Vec::new()
     }
@@ -137,7 +137,7 @@ impl<L: ControlLaw> LawController<L> {
         }
     }
 
-    /// With these numbers in place of [`ControlLaw::parameters`].
+    /// With these numbers, as many, in place of [`ControlLaw::parameters`].
     #[must_use]
     pub fn with_parameters(mut self, parameters: &[f64]) -> Self {
         self.parameters = parameters.to_vec();

@@ -32,9 +32,9 @@ const STAY: Reference = Reference::Hover(Hover { position: [0.0; 3], yaw: 0.0 })
 /// What one flight is flown with; nominal until it is changed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MonteCarloDraw {
-    /// State of the plant at the start.
+    /// State of the plant at the start, `[n_state]` of the plant.
     pub start: Vec<f64>,
-    /// θ of the loop.
+    /// θ of the loop, `[n_parameter]`, in the order of [`ClosedLoop::parameter_names`].
     pub parameters: Vec<f64>,
     /// Wind, force and moment, held all the way.
     pub air: Disturbance<f64>,
@@ -51,7 +51,7 @@ pub struct MonteCarloResult {
     pub worst: f64,
     /// Largest angle between the vertical and what points up in hover, rad: the root's z, but of a vehicle that leans.
     pub tilt: f64,
-    /// When it was first more than `LOST` away or not finite, s.
+    /// When it was first more than 10 m (`LOST`) away or not finite, s.
     pub lost_at: Option<f64>,
 }
 
@@ -69,7 +69,7 @@ pub struct MonteCarloSummary {
 }
 
 impl MonteCarloSummary {
-    /// With a confidence as 0.95.
+    /// Of these flights, with bounds at a confidence within (0, 1), as 0.95.
     pub fn of(flown: &[MonteCarloResult], confidence: f64) -> Self {
         let lost = flown.iter().filter(|o| o.lost_at.is_some()).count();
         let mut errors: Vec<f64> =
@@ -110,14 +110,14 @@ impl<'a, L: ControlLaw> MonteCarlo<'a, L> {
         Ok(Self { system, step, transient: 0.0, seed: 0 })
     }
 
-    /// With errors counted from so many seconds on; 0 unless told otherwise.
+    /// With errors counted from so many seconds on; default 0.
     #[must_use]
     pub fn after(mut self, seconds: f64) -> Self {
         self.transient = seconds;
         self
     }
 
-    /// With another seed of the draws than 0.
+    /// With a seed of the draws; default 0.
     #[must_use]
     pub fn seeded(mut self, seed: u64) -> Self {
         self.seed = seed;
@@ -134,8 +134,8 @@ impl<'a, L: ControlLaw> MonteCarlo<'a, L> {
         self.step.general().is_empty()
     }
 
-    /// Flies `n_flight` flights of `n_step` steps from `start`; `draw` changes what flight i is flown with, from a stream of
-    /// its own.
+    /// Flies `n_flight` flights of `n_step` steps from `start`, `[n_state]` of the plant; `draw` changes what flight i is flown with,
+    /// from a stream of its own. One result per flight, in their order.
     ///
     /// # Errors
     /// [`Error::Value`] if `start` or a draw is not of the plant's or the loop's length.

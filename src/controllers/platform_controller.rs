@@ -185,7 +185,7 @@ impl PlatformController {
         &self.allocation
     }
 
-    /// What each drone is asked to push with, world, N.
+    /// Force that each drone is asked to push with, world, N.
     pub fn forces(&self) -> &[Vec3<f64>] {
         &self.forces
     }
@@ -206,7 +206,8 @@ impl PlatformController {
         Axis::ALL.into_iter().zip(reached).filter(|(_, share)| *share < 0.5).map(|(axis, _)| axis).collect()
     }
 
-    /// Enters with a pose.
+    /// Enters with a pose: a sample of a reference (its yaw plays no part) and an orientation. `state` is the plant's; the commands
+    /// are written at their places in `input`.
     pub fn position(&mut self, state: &[f64], sample: &Setpoint<f64>, tilt: &Orientation<f64>, input: &mut [f64]) {
         let own = self.tracked(state);
         self.velocity(state, &velocity_command(&self.law.gains, sample, &own), tilt, input);

@@ -19,7 +19,7 @@ impl<S: Scalar> RateCommand<S> {
     /// Numbers in the flat form: thrust, ω, ω̇.
     pub const DIM: usize = 7;
 
-    /// Constant rates.
+    /// Constant rates, rad/s, under a total thrust along body z, N.
     #[inline]
     pub fn constant(thrust: S, angular_velocity: Vec3<S>) -> Self {
         Self { thrust, angular_velocity, angular_acceleration: [S::zero(); 3] }

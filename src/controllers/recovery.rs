@@ -37,19 +37,19 @@ const GONE: f64 = 100.0;
 /// Which starts to fly, and for how long.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct RecoveryPlan {
-    /// Largest tilt, rad, and in how many intervals from zero; up to π.
+    /// Largest tilt, rad, within [0, π], and in how many intervals from zero, 1 to 360. Default π in 18.
     pub tilt: (f64, usize),
-    /// Largest body rate, rad/s, and in how many intervals from zero.
+    /// Largest body rate, rad/s, within [0, 1000], and in how many intervals from zero, 1 to 360. Default 12 in 6.
     pub rate: (f64, usize),
-    /// Largest speed of a start, m/s, in a random direction.
+    /// Largest speed of a start, m/s, in a random direction; [0, 100]. Default 0.
     pub speed: f64,
-    /// Starts per cell.
+    /// Starts per cell; at most 10 million in all. Default 64.
     pub n: usize,
-    /// Longest flight, s.
+    /// Longest flight, s; more than 0.25, at most 1000. Default 6.
     pub duration: f64,
-    /// Confidence of the bounds.
+    /// Confidence of the bounds; [0.5, 0.999999]. Default 0.95.
     pub confidence: f64,
-    /// Of the starts.
+    /// Seed of the starts. Default 0.
     pub seed: u64,
 }
 
@@ -136,7 +136,7 @@ pub struct RecoveryCell {
     pub n: usize,
     /// Those that came back.
     pub recovered: usize,
-    /// Where the share lies with the plan's confidence ([`clopper_pearson`]).
+    /// Bounds `[low, high]` of the share that comes back, at the plan's confidence ([`clopper_pearson`]).
     pub bounds: [f64; 2],
     /// Most height lost on the way by those that came back, m.
     pub sunk: f64,
@@ -156,7 +156,7 @@ pub struct RecoveryMap {
 }
 
 impl RecoveryMap {
-    /// All cells within a tilt and a rate as one.
+    /// All cells within a tilt (rad) and a rate (rad/s) as one.
     pub fn within(&self, tilt: f64, rate: f64) -> RecoveryCell {
         let inside = |c: &&RecoveryCell| c.tilt[1] <= tilt + 1e-9 && c.rate[1] <= rate + 1e-9;
         let mut all = RecoveryCell {

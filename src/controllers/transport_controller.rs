@@ -61,11 +61,11 @@ with_defaults! {
     /// Largest angles from the vertical, rad.
     #[derive(Debug, Clone, Copy, PartialEq)]
     pub struct TiltLimits {
-        /// Of a bar's pull. Default 0.6.
+        /// Of a bar's pull; (0, 1.4]. Default 0.6.
         pub pull: f64 = 0.6,
-        /// Of the wanted force on the load. Default 0.45.
+        /// Of the wanted force on the load; (0, 1.4]. Default 0.45.
         pub load: f64 = 0.45,
-        /// Of the force that a drone is asked for. Default 0.6.
+        /// Of the force that a drone is asked for; (0, 1.4]. Default 0.6.
         pub drone: f64 = 0.6,
     }
 }
@@ -168,7 +168,7 @@ impl TransportController {
         Self::with_tilt_limits(system, gains, rates, TiltLimits::default())
     }
 
-    /// With given leans.
+    /// With given limits of the angles.
     ///
     /// # Errors
     /// As [`new`](Self::new) and [`TiltLimits::validate`].
@@ -229,7 +229,8 @@ impl TransportController {
         &self.law
     }
 
-    /// Enters with a pose.
+    /// Enters with a pose: a sample of a reference (its yaw plays no part) and an orientation. `state` is the plant's; the commands
+    /// are written at their places in `input`.
     pub fn position(&mut self, state: &[f64], sample: &Setpoint<f64>, tilt: &Orientation<f64>, input: &mut [f64]) {
         let ahead = [sample.jerk, sample.snap];
         self.run(state, ahead, input, |law, own| law.position(own, sample, tilt));

@@ -57,7 +57,7 @@ impl<S: Scalar> VelocityCommand<S> {
         Jet::from_derivatives([self.yaw, self.yaw_rate, self.yaw_acceleration])
     }
 
-    /// A constant velocity at a constant yaw.
+    /// A constant velocity (m/s) at a constant yaw (rad), without feed-forward.
     #[inline]
     pub fn constant(velocity: Vec3<S>, yaw: S) -> Self {
         let (o, zero) = (S::zero(), [S::zero(); 3]);

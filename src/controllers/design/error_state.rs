@@ -96,7 +96,7 @@ impl ErrorState {
         number - self.quaternions.iter().filter(|at| **at + 3 <= number).count()
     }
 
-    /// x ⊖ x₀, rotations by the short way round.
+    /// x ⊖ x₀, `[n_error]`, rotations by the short way round.
     ///
     /// # Panics
     /// If a slice does not have the length of the state.
@@ -114,7 +114,7 @@ impl ErrorState {
         error
     }
 
-    /// x₀ ⊕ δ, the inverse of [`difference`](Self::difference).
+    /// x₀ ⊕ δ, `[n_state]`, the inverse of [`difference`](Self::difference).
     ///
     /// # Panics
     /// If a slice does not have the length of the state or of the error.
@@ -132,7 +132,7 @@ impl ErrorState {
         x
     }
 
-    /// E at x, `n_state` × [`n_error`](Self::n_error).
+    /// E = ∂(x ⊕ δ)/∂δ at x, `n_state` × [`n_error`](Self::n_error).
     pub fn tangent(&self, x: &[f64]) -> DMatrix<f64> {
         let mut e = DMatrix::zeros(self.n_state, self.n_error());
         self.each(|at, to, turns| {
@@ -150,7 +150,7 @@ impl ErrorState {
         e
     }
 
-    /// E⁺ at x: E⁺ E = I, and what leaves the unit sphere is dropped.
+    /// E⁺ at x, [`n_error`](Self::n_error) × `n_state`: E⁺ E = I, and what leaves the unit sphere is dropped.
     pub fn cotangent(&self, x: &[f64]) -> DMatrix<f64> {
         let mut back = self.tangent(x).transpose();
         for at in &self.quaternions {
@@ -160,7 +160,7 @@ impl ErrorState {
         back
     }
 
-    /// A and B of the error, of a step linearised at x.
+    /// A and B of the error, n_error × n_error and n_error × n_input, of a step linearised at x: E⁺(x⁺) A E(x) and E⁺(x⁺) B.
     pub fn reduce(&self, x: &[f64], step: &Linearisation) -> (DMatrix<f64>, DMatrix<f64>) {
         let back = self.cotangent(step.next.as_slice());
         (&back * &step.state * self.tangent(x), back * &step.input)

@@ -18,15 +18,16 @@ use nalgebra::DMatrix;
 /// State and input along a reference.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FeedForward {
-    /// Π, n × (outputs · derivatives): x = Π z.
+    /// Π, n × (m · order): x = Π z.
     pub state: DMatrix<f64>,
-    /// Γ, m × (outputs · derivatives): u = Γ z.
+    /// Γ, m × (m · order): u = Γ z.
     pub input: DMatrix<f64>,
-    /// Φ: z⁺ = Φ z while the highest derivative is constant.
+    /// Φ, (m · order) square: z⁺ = Φ z while the highest derivative is constant.
     pub advance: DMatrix<f64>,
 }
 
-/// Solves the regulator equations for references of `order` numbers per output: position, velocity, … . z lists all outputs'
+/// Solves the regulator equations Π Φ = A Π + B Γ, C Π = [I 0 …] of x⁺ = A x + B u, y = C x (A n × n, B n × m, C m × n), sampled
+/// every `period` seconds, for references of `order` numbers per output: position, velocity, … . z lists all outputs'
 /// positions, then all velocities, and so on.
 ///
 /// # Errors

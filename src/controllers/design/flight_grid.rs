@@ -15,11 +15,12 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct FlightGrid {
-    /// Of the circles, towards their centres, m/s².
+    /// Accelerations of the circles, towards their centres, m/s²; within [0.1, 100], each once. Default 2, 4, 6, 8.
     pub accelerations: Vec<f64>,
-    /// m/s.
+    /// Speeds along the circles, m/s; within [0.1, 100], each once. Default 2.5, 5, 7.5, 10.
     pub speeds: Vec<f64>,
-    /// Share of its largest thrust that every rotor keeps in the steady turn of a cell that can be flown.
+    /// Share of its largest thrust that every rotor keeps in the steady turn of a cell that can be flown; within [0, 0.9].
+    /// Default 0.2.
     pub spare: f64,
 }
 
@@ -33,9 +34,9 @@ impl Default for FlightGrid {
 /// One circle.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct GridCell {
-    /// m/s².
+    /// Towards the centre, m/s².
     pub acceleration: f64,
-    /// m/s.
+    /// Along the circle, m/s.
     pub speed: f64,
     /// Whether it is of the half that is not tuned on.
     pub held_out: bool,
@@ -63,8 +64,10 @@ impl GridCell {
 pub const MAX_CELLS: usize = 256;
 
 impl FlightGrid {
+    /// Checks the ranges given with the fields, and that there are at most 256 cells.
+    ///
     /// # Errors
-    /// [`Error::Value`] or [`Error::Limit`] for numbers out of range, or too many of them.
+    /// [`Error::Value`] or [`Error::Limit`] that names the number.
     pub fn validate(&self) -> Result<()> {
         for (what, values) in [("grid.accelerations", &self.accelerations), ("grid.speeds", &self.speeds)] {
             if values.is_empty() || values.iter().any(|v| !(0.1..=100.0).contains(v)) {

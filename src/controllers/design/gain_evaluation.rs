@@ -24,7 +24,7 @@ pub struct GainEvaluation {
     pub rmse: f64,
     /// Largest of them; infinite where all crashed.
     pub worst: f64,
-    /// Flights that diverged or left the reference by more than [`CRASH_DISTANCE`].
+    /// Flights that diverged or left the reference by more than 5 m ([`CRASH_DISTANCE`]).
     pub crashed: usize,
     /// Flights.
     pub n: usize,

@@ -20,7 +20,7 @@ pub const MAX_STEPS: u64 = 200_000;
 pub struct GainSensitivity {
     /// RMSE over the whole flight, start included, m.
     pub rmse: f64,
-    /// ∂RMSE/∂ln K per gain, m: what doubling a gain would change, to first order, times 1/ln 2.
+    /// ∂RMSE/∂ln K per gain, m: times ln 2 it is what doubling the gain would change, to first order.
     pub gradient: Gains,
     /// Steps differentiated through.
     pub steps: u64,

@@ -39,7 +39,7 @@ const UNHEARD: f64 = 1e-12;
 /// Where a loop is opened.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AnalysisPoint {
-    /// One command, between controller and plant.
+    /// One command, by its number, between controller and plant.
     Command(usize),
     /// All commands at once.
     Commands,
@@ -53,7 +53,7 @@ pub enum AnalysisPoint {
 pub struct LoopModel {
     /// The time between two steps, s.
     pub dt: f64,
-    /// Where it settled: the state of the loop at the beginning of a period.
+    /// Where it settled: the whole state of the [`ClosedLoop`] at the beginning of a period.
     pub state: Vec<f64>,
     /// Names of the commands.
     pub commands: Vec<Signal>,
@@ -85,7 +85,7 @@ impl LoopModel {
     /// [`LoopModel::new`] of a vehicle under its cascade.
     ///
     /// # Errors
-    /// As there.
+    /// As [`LoopModel::new`].
     pub fn of_vehicle(
         closed: ClosedLoop<LawController<CascadeLaw>>,
         target: Target<'_>,
@@ -182,10 +182,10 @@ impl LoopModel {
         self.steps.len()
     }
 
-    /// Poles over a period, largest modulus first.
+    /// Poles of the closed loop over a period, largest modulus first: it is stable where all are below 1.
     ///
     /// # Errors
-    /// Where eigenvalues are not found.
+    /// [`Error::Value`] where eigenvalues are not found.
     pub fn poles(&self) -> Result<Vec<Complex<f64>>> {
         eigenvalues(&self.over_a_period())
     }
@@ -214,7 +214,8 @@ impl LoopModel {
         self.steps[0].a.nrows()
     }
 
-    /// S at a point, over a period: inputs and outputs step by step. What is neither reached nor seen there is left out.
+    /// S = (I + L)⁻¹ at a point, over a period, sampled every `dt` · [`period`](Self::period): inputs and outputs of every step, one
+    /// step after the other. What is neither reached nor seen there is left out.
     ///
     /// # Errors
     /// [`Error::Value`] for a point that the loop does not have, or where singular values are not found.
@@ -287,7 +288,7 @@ impl LoopModel {
         Ok(omega.iter().map(|w| at(*w)).collect())
     }
 
-    /// How much the loop bears at one point: nothing, told without a search, where it is not stable.
+    /// How much the loop bears at one point; no margin at all, without a search, where it is not stable.
     ///
     /// # Errors
     /// As [`sensitivity`](Self::sensitivity).

@@ -23,30 +23,31 @@ use nalgebra::{Complex, DMatrix};
 pub struct Regulator {
     /// K, m × n: u = −K x.
     pub gain: DMatrix<f64>,
-    /// X: xᵀ X x is the cost from x on.
+    /// X, n × n: xᵀ X x is the cost from x on.
     pub cost: DMatrix<f64>,
-    /// A − B K.
+    /// A − B K, n × n.
     pub closed_loop: DMatrix<f64>,
     /// Eigenvalues of A − B K, largest modulus first, all within the unit circle.
     pub poles: Vec<Complex<f64>>,
-    /// (R + Bᵀ X B)⁻¹ Bᵀ.
+    /// (R + Bᵀ X B)⁻¹ Bᵀ, m × n; see [`preview`](Self::preview).
     pub push: DMatrix<f64>,
     /// Doublings of the Riccati equation.
     pub doublings: usize,
-    /// Its relative residual.
+    /// Relative residual of the Riccati equation ([`RiccatiSolution::residual`](riccati::RiccatiSolution::residual)).
     pub residual: f64,
 }
 
-/// The feedback of least cost for x⁺ = A x + B u.
+/// The feedback u = −K x of least Σ xᵀ Q x + uᵀ R u for x⁺ = A x + B u: K = (R + Bᵀ X B)⁻¹ Bᵀ X A with X of
+/// [`riccati::discrete`]. A n × n, B n × m, Q n × n, R m × m.
 ///
 /// # Errors
-/// As [`riccati::discrete`]; where combinations of states that do not decay are out of reach of B, or unseen by Q, they are
-/// named: `x0`, `x1`, ….
+/// As [`riccati::discrete`]; where combinations of states that do not decay are out of reach of B, or unseen by Q, the error
+/// names them: `x0`, `x1`, ….
 pub fn lqr(a: &DMatrix<f64>, b: &DMatrix<f64>, q: &DMatrix<f64>, r: &DMatrix<f64>) -> Result<Regulator> {
     lqr_of(&Signal::numbered("x", a.nrows()), a, b, q, r)
 }
 
-/// [`lqr`] of states that have names, for what it says of them.
+/// [`lqr`] of states that have names, `[n]`: its errors name them.
 ///
 /// # Errors
 /// As [`lqr`].
@@ -90,7 +91,7 @@ pub fn lqr_of(
 
 impl Regulator {
     /// ((A − B K)ᵀ)ʲ X for j = 0 to n − 1, each multiplied by `left` from the left: what a disturbance that comes j steps
-    /// later weighs now. With [`push`](Self::push) negated these are F₀, F₁, … .
+    /// later weighs now. With −[`push`](Self::push) as `left` these are F₀, F₁, … of u = −K x + Σⱼ Fⱼ w(k + j).
     pub fn preview(&self, left: &DMatrix<f64>, n: usize) -> Vec<DMatrix<f64>> {
         let step = self.closed_loop.transpose();
         let mut price = self.cost.clone();
@@ -103,7 +104,8 @@ impl Regulator {
     }
 }
 
-/// The feedback of least cost that also integrates y = C x: of x⁺ = A x + B u with z⁺ = z + T C x, over both.
+/// The feedback of least cost that also integrates y = C x (C p × n): of x⁺ = A x + B u with z⁺ = z + T C x, over both; T is
+/// `period`, s.
 ///
 /// `q` weighs (x, z), so it has n + p rows for p outputs. The [gain](Regulator::gain) is [K, K_i], m × (n + p): u = −K x − K_i z
 /// holds y at zero against constant disturbances.
@@ -111,7 +113,7 @@ impl Regulator {
 /// Source: Anderson and Moore 1990, section 4.3; Davison 1972.
 ///
 /// # Errors
-/// As [`lqr`]; a C that does not fit, or that has a zero of the plant at 1 (which an integrator cannot move).
+/// As [`lqr`]; [`Error::Value`] for a C that does not fit, or that has a zero of the plant at 1 (which an integrator cannot move).
 pub fn lqi(
     a: &DMatrix<f64>,
     b: &DMatrix<f64>,
@@ -123,7 +125,7 @@ pub fn lqi(
     lqi_of(&Signal::numbered("x", a.nrows()), a, b, c, q, r, period)
 }
 
-/// [`lqi`] of states that have names, for what it says of them.
+/// [`lqi`] of states that have names, `[n]`: its errors name them.
 ///
 /// # Errors
 /// As [`lqi`].

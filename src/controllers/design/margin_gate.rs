@@ -24,13 +24,13 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct MarginGate {
-    /// Least disk margin of all commands at once.
+    /// Least disk margin α of all commands at once; [0.01, 1.99]. Default 0.5.
     pub disk: f64,
-    /// Forward speeds, m/s.
+    /// Forward speeds at which loops are judged, m/s; one or more, each within [0, 100]. Default 0, 5, 10.
     pub speeds: Vec<f64>,
-    /// Mass, inertia and motor lag between 1 − spread and 1 + spread of what is believed.
+    /// Mass, inertia and motor lag between 1 − spread and 1 + spread of what is believed; [0, 0.9]. Default 0.3.
     pub spread: f64,
-    /// Latency with which the nominal loop should still be stable at hover, s.
+    /// Latency with which the nominal loop should still be stable at hover, s; [0, 0.2]. Default 0.05.
     pub latency: f64,
 }
 
@@ -44,15 +44,15 @@ impl Default for MarginGate {
 /// A speed and a plant at which a loop is judged.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Corner {
-    /// m/s.
+    /// Forward speed, m/s.
     pub speed: f64,
-    /// Of the believed one.
+    /// Mass, as a factor of the believed one.
     pub mass: f64,
-    /// Of the believed one.
+    /// Inertia, as a factor of the believed one.
     pub inertia: f64,
-    /// Of the believed one.
+    /// Motor time constants, as a factor of the believed ones.
     pub lag: f64,
-    /// How far the centre of mass lies before and left of where it is believed, m.
+    /// How far the centre of mass lies before and left of where it is believed, m, body axes.
     pub shift: [f64; 2],
 }
 
@@ -106,11 +106,11 @@ impl std::fmt::Display for MarginFailure {
 /// How a set of gains fares at a gate.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct MarginReport {
-    /// The disk margin of all commands at every corner; 0 where the loop is not stable.
+    /// The disk margin α of all commands at every corner; 0 where the loop is not stable.
     pub corners: Vec<(Corner, f64)>,
-    /// Place of the least of them.
+    /// Place in `corners` of the least of them.
     pub worst: usize,
-    /// Why corners have no margin: their places, and what was found there.
+    /// Why corners have no margin: their places in `corners`, and what was found there.
     pub flaws: Vec<(usize, MarginFailure)>,
     /// Delay that ends stability of the nominal loop at hover, s ([`LoopMargins::delay`](super::LoopMargins::delay)).
     pub delay: f64,
@@ -134,8 +134,10 @@ impl MarginReport {
 }
 
 impl MarginGate {
+    /// Checks the ranges given with the fields.
+    ///
     /// # Errors
-    /// [`Error::Value`] for numbers out of range.
+    /// [`Error::Value`] that names the first outside.
     pub fn validate(&self) -> Result<()> {
         let rows = [
             ("margins.disk", self.disk, 0.01..=1.99, "within [0.01, 1.99]"),
@@ -169,7 +171,7 @@ impl MarginGate {
     /// Judges gains of a vehicle's cascade.
     ///
     /// # Errors
-    /// As [`validate`](Self::validate), and where vehicle, gains or rates are not valid.
+    /// As [`validate`](Self::validate); [`Error::Value`] where vehicle, gains or rates are not valid.
     pub fn judge(
         &self,
         vehicle: &Vehicle,

@@ -25,7 +25,7 @@ const TOLERANCE: f64 = 1e-10;
 /// A symmetric solution X and how it was found.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RiccatiSolution<T> {
-    /// X ⪰ 0.
+    /// X ⪰ 0, n × n.
     pub matrix: DMatrix<T>,
     /// Doublings.
     pub doublings: usize,
@@ -33,7 +33,8 @@ pub struct RiccatiSolution<T> {
     pub residual: T,
 }
 
-/// X = Aᵀ X A − Aᵀ X B (R + Bᵀ X B)⁻¹ Bᵀ X A + Q, the solution that stabilises A − B K.
+/// X = Aᵀ X A − Aᵀ X B (R + Bᵀ X B)⁻¹ Bᵀ X A + Q, the solution that stabilises A − B K with K = (R + Bᵀ X B)⁻¹ Bᵀ X A.
+/// A n × n, B n × m, Q n × n, R m × m.
 ///
 /// # Errors
 /// [`Error::Value`] where sizes do not fit, a number is not finite, Q is not symmetric and positive semi-definite or R not
@@ -54,7 +55,7 @@ pub fn discrete<T: RealField + Copy>(
     Ok(RiccatiSolution { residual: relative(&terms), matrix: x, doublings })
 }
 
-/// Aᵀ X + X A − X B R⁻¹ Bᵀ X + Q = 0, the solution that stabilises A − B R⁻¹ Bᵀ X.
+/// Aᵀ X + X A − X B R⁻¹ Bᵀ X + Q = 0, the solution that stabilises A − B R⁻¹ Bᵀ X; sizes as in [`discrete`].
 ///
 /// With γ above the modulus of every eigenvalue of the Hamiltonian matrix, s → (s + γ)/(s − γ) turns it into a discrete
 /// equation with the same solution; γ only moves the number of doublings, by its logarithm.

@@ -59,7 +59,7 @@ impl LoopModel {
     /// Whether the loop settles, grows, or neither.
     ///
     /// # Errors
-    /// Where singular values or eigenvalues are not found.
+    /// [`Error::Value`](base::error::Error::Value) where singular values or eigenvalues are not found.
     pub fn stability(&self) -> Result<Stability> {
         let settles = |poles: &[Complex<f64>]| poles.first().is_none_or(|p| p.norm() < 1.0 - ON_CIRCLE);
         if settles(&self.poles()?) {

@@ -60,9 +60,9 @@ impl TrimTarget {
 /// A steady flight.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trim {
-    /// The plant's state, roots at the places of its hover state.
+    /// The plant's state, `[n_state]`, roots at the places of its hover state.
     pub state: Vec<f64>,
-    /// The plant's input.
+    /// The plant's input, `[n_input]`.
     pub input: Vec<f64>,
     /// Rate about the vertical, rad/s.
     pub yaw_rate: f64,

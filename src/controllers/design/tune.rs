@@ -266,11 +266,11 @@ fn root_mean_cost(
 
 /// Adam with a falling rate, and the best point seen.
 pub struct Descent {
-    /// Where it stands.
+    /// Parameters now; of [`tune`] the logarithms of the gains.
     pub theta: Vec<f64>,
     mean: Vec<f64>,
     square: Vec<f64>,
-    /// Where the error was least.
+    /// The parameters whose error was least.
     pub best: Vec<f64>,
     best_rmse: f64,
     /// Of all steps.
@@ -280,7 +280,7 @@ pub struct Descent {
 }
 
 impl Descent {
-    /// `n` steps, the first of relative size `rate`.
+    /// For `n` steps from `theta`; the step size falls linearly from `rate` to a tenth of it.
     pub fn new(theta: Vec<f64>, rate: f64, n: usize) -> Self {
         let zero = vec![0.0; theta.len()];
         Self {
@@ -295,7 +295,8 @@ impl Descent {
         }
     }
 
-    /// One step against a gradient; entries that are not finite move nothing.
+    /// One step θ⁺ = θ − rate m̂/(√v̂ + 1e-8) against a gradient of the length of θ, with the means m̂ (decay 0.9) and v̂ (0.99) of
+    /// Adam; `iteration` belongs to the point before the step. Entries that are not finite move nothing.
     pub fn step(&mut self, iteration: Iteration, gradient: &[f64]) {
         self.history.push(iteration);
         if iteration.rmse < self.best_rmse {

@@ -23,7 +23,7 @@ use std::f64::consts::TAU;
 pub struct DiskMargin {
     /// α; 0 for a loop that is not stable.
     pub alpha: f64,
-    /// Where the smallest perturbation acts, rad/s.
+    /// Where the smallest perturbation acts, rad/s; NaN for a loop that is not stable.
     pub omega: f64,
     /// Least and largest factor on the gain alone.
     pub gain: (f64, f64),

@@ -25,7 +25,7 @@ pub struct Mode {
 /// Poles, largest modulus first.
 ///
 /// # Errors
-/// Where eigenvalues are not found.
+/// [`Error::Value`] where eigenvalues are not found.
 pub fn poles(system: &StateSpace) -> Result<Vec<Complex<f64>>> {
     eigenvalues(system.a())
 }
@@ -33,7 +33,7 @@ pub fn poles(system: &StateSpace) -> Result<Vec<Complex<f64>>> {
 /// All modes, the slowest to decay first; of a conjugate pair the one above the real axis.
 ///
 /// # Errors
-/// Where eigenvectors are not found.
+/// [`Error::Value`] where eigenvectors are not found.
 pub fn modes(system: &StateSpace) -> Result<Vec<Mode>> {
     if system.n_state() == 0 {
         return Ok(Vec::new());

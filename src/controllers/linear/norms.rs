@@ -27,7 +27,7 @@ const TOLERANCE: f64 = 1e-10;
 /// Source: Bruinsma and Steinbuch 1990.
 ///
 /// # Errors
-/// Where eigenvalues are not found.
+/// [`Error::Value`] where eigenvalues are not found.
 pub fn h_infinity(system: &StateSpace) -> Result<PeakGain> {
     if !system.is_stable()? {
         return Ok(PeakGain { gain: f64::INFINITY, omega: f64::NAN });

@@ -14,23 +14,24 @@ use serde::Serialize;
 pub struct FrequencyResponse {
     /// ω, rad/s, ascending.
     pub omega: Vec<f64>,
-    /// p × m each.
+    /// G at each frequency, p outputs × m inputs.
     pub values: Vec<Complexes>,
 }
 
 impl FrequencyResponse {
-    /// One channel.
+    /// From one input to one output, by their numbers, over all frequencies.
     pub fn channel(&self, output: usize, input: usize) -> Vec<Complex<f64>> {
         self.values.iter().map(|g| g[(output, input)]).collect()
     }
 
-    /// Singular values at each frequency, largest first: the gains along the directions that a plant with many inputs has.
+    /// Singular values at each frequency, `[frequency][value]`, largest first: the gains along the directions that a plant with many
+    /// inputs has.
     pub fn singular_values(&self) -> Vec<Vec<f64>> {
         self.values.iter().map(singular_values).collect()
     }
 }
 
-/// The response at these frequencies, rad/s.
+/// The response C (s I − A)⁻¹ B + D at these frequencies, rad/s: s = jω, of a sampled system z = exp(jω dt) in its place.
 pub fn frequency_response(system: &StateSpace, omega: &[f64]) -> FrequencyResponse {
     let swept = Swept::of(system);
     let values = omega.iter().map(|w| swept.at(system.on_axis(*w))).collect();
@@ -51,7 +52,7 @@ pub fn unwrapped(channel: &[Complex<f64>]) -> Vec<f64> {
 /// above its fastest (to Nyquist for a sampled one), and more about the peak of each lightly damped pair.
 ///
 /// # Errors
-/// Where eigenvalues are not found.
+/// [`Error::Value`] where eigenvalues are not found.
 pub fn frequencies(system: &StateSpace, n: usize) -> Result<Vec<f64>> {
     let mut corners = poles(system)?;
     if system.n_input() == system.n_output() {
@@ -73,7 +74,7 @@ pub fn frequencies(system: &StateSpace, n: usize) -> Result<Vec<f64>> {
     Ok(omega)
 }
 
-/// Outputs over time under the inputs of each sample (rows: samples; columns: signals), from the state `x0`. A continuous
+/// Outputs over time, `[sample, output]`, under `inputs`, `[sample, input]`, from the state `x0`, `[n_state]`. A continuous
 /// system is sampled with inputs held for `dt`.
 ///
 /// # Errors
@@ -99,10 +100,11 @@ pub fn simulate(system: &StateSpace, dt: f64, inputs: &DMatrix<f64>, x0: &[f64])
     Ok(y)
 }
 
-/// Times and all outputs after one input went from 0 to 1 at time 0.
+/// Times (s, `[n]`) and all outputs (`[n, output]`) after one input went from 0 to 1 at time 0, from rest, sampled every `dt`
+/// seconds.
 ///
 /// # Errors
-/// As [`simulate`]; for an input that the system does not have.
+/// As [`simulate`]; [`Error::Value`] for an input that the system does not have.
 pub fn step_response(system: &StateSpace, input: usize, dt: f64, n: usize) -> Result<(Vec<f64>, DMatrix<f64>)> {
     if input >= system.n_input() {
         let remedy = "Inputs count from 0.";

@@ -71,7 +71,7 @@ impl StateSpace {
         Ok(Self { a, b, c, d, dt, states, inputs, outputs })
     }
 
-    /// A system without memory, y = D u.
+    /// A system without memory, y = D u, D p × m.
     ///
     /// # Errors
     /// As [`new`](Self::new).
@@ -288,7 +288,7 @@ impl StateSpace {
         Self { c: &self.c * factor, d: &self.d * factor, ..self.clone() }
     }
 
-    /// C (s I − A)⁻¹ B + D at a complex s, or z for a sampled system; NaN at a pole.
+    /// C (s I − A)⁻¹ B + D, p × m, at a complex s, or z for a sampled system; NaN at a pole.
     pub fn at(&self, s: Complex<f64>) -> Complexes {
         if self.n_state() == 0 {
             return self.d.map(|v| Complex::new(v, 0.0));
@@ -312,7 +312,7 @@ impl StateSpace {
         }
     }
 
-    /// What constant inputs lead to: the response at s = 0 or z = 1.
+    /// What constant inputs lead to, p × m: the response at s = 0 or z = 1.
     pub fn dc_gain(&self) -> DMatrix<f64> {
         self.at(self.on_axis(0.0)).map(|v| v.re)
     }
@@ -321,7 +321,7 @@ impl StateSpace {
     /// [`ON_CIRCLE`] of it.
     ///
     /// # Errors
-    /// Where eigenvalues are not found.
+    /// [`Error::Value`] where eigenvalues are not found.
     pub fn is_stable(&self) -> Result<bool> {
         let poles = super::dense::eigenvalues(&self.a)?;
         let near = poles.first().map_or(0.0, |p| p.norm()) * ROUNDED;

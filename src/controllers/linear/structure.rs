@@ -63,7 +63,7 @@ fn named(direction: &[(usize, f64)], states: &[Signal]) -> String {
 /// What no input moves.
 ///
 /// # Errors
-/// Where singular values or eigenvalues are not found.
+/// [`Error::Value`](base::error::Error::Value) where singular values or eigenvalues are not found.
 pub fn unreachable(system: &StateSpace) -> Result<HiddenModes> {
     Staircase::of(system.a(), system.b())?.hidden()
 }
@@ -71,7 +71,7 @@ pub fn unreachable(system: &StateSpace) -> Result<HiddenModes> {
 /// What no output shows.
 ///
 /// # Errors
-/// Where singular values or eigenvalues are not found.
+/// [`Error::Value`](base::error::Error::Value) where singular values or eigenvalues are not found.
 pub fn unobservable(system: &StateSpace) -> Result<HiddenModes> {
     Staircase::of(&system.a().transpose(), &system.c().transpose())?.hidden()
 }
@@ -274,7 +274,7 @@ fn comparable(a: &DMatrix<f64>, b: &DMatrix<f64>, least: f64) -> (Vec<f64>, Vec<
 /// (1e-9 is usual) of the matrices' size count as none.
 ///
 /// # Errors
-/// Where singular values are not found.
+/// [`Error::Value`](base::error::Error::Value) where singular values are not found.
 pub fn minimal(system: &StateSpace, tolerance: f64) -> Result<StateSpace> {
     let least = |a: &DMatrix<f64>, b: &DMatrix<f64>| (tolerance * b.norm(), tolerance * a.norm());
     let reached = span(system.a(), system.b(), least(system.a(), system.b()))?;

@@ -57,13 +57,13 @@ impl Carried {
         safe::normalise(add(pull, [S::zero(), S::zero(), S::constant(GRAVITY)]))
     }
 
-    /// Position, velocity, … of the drone, and its yaw.
+    /// Position, velocity, … of the drone, and its yaw, at time t, s.
     pub fn drone(&self, t: f64) -> Setpoint<f64> {
         let time = Jet::<f64, 5>::variable(t);
         Setpoint::from_series(self.position(time), self.yaw(time))
     }
 
-    /// Position, velocity, … of the load, and its yaw.
+    /// Position, velocity, … of the load, and its yaw, at time t, s.
     pub fn load(&self, t: f64) -> Setpoint<f64> {
         let (position, yaw) = self.path.position_and_yaw(Jet::<f64, 5>::variable(t));
         Setpoint::from_series(position, yaw)

@@ -57,6 +57,9 @@ impl Reference {
     pub const NAMES: [&'static str; 6] = ["hover", "step", "circle", "ellipse", "lemniscate", "waypoints"];
 
     /// A shape with its default numbers.
+    ///
+    /// # Errors
+    /// [`Error::Unknown`] with the names there are.
     pub fn by_name(name: &str) -> Result<Self> {
         match name {
             "hover" => Ok(Self::Hover(Hover::default())),
@@ -107,6 +110,9 @@ impl Reference {
     }
 
     /// Checks every number. A valid reference gives finite samples at every finite time.
+    ///
+    /// # Errors
+    /// [`Error::Value`] or [`Error::Limit`] that names the number.
     pub fn validate(&self) -> Result<()> {
         self.trajectory().validate()
     }
@@ -128,7 +134,7 @@ impl Reference {
         Jet { coefficients: [value, rate, change] }
     }
 
-    /// Roll and pitch as Taylor series in time about t (s): zero unless a trajectory of your own asks for more.
+    /// Roll and pitch, rad, as Taylor series in time about t (s): zero unless a trajectory of your own asks for more.
     pub fn angles(&self, t: f64) -> [Jet<f64, 3>; 2] {
         self.trajectory().angles(t)
     }

@@ -37,11 +37,11 @@ pub trait Curve: Send + Sync {
     }
     /// Position at time t (s), world, m.
     fn position<S: Scalar>(&self, t: S) -> Vec3<S>;
-    /// Yaw at time t (s), rad, continuous (not wrapped); 0 unless told otherwise.
+    /// Yaw at time t (s), rad, continuous (not wrapped); by default 0.
     fn yaw<S: Scalar>(&self, _t: S) -> S {
         S::zero()
     }
-    /// Roll and pitch at time t (s), rad, for what holds them apart from its force; level unless told otherwise.
+    /// Roll and pitch at time t (s), rad, for what holds them apart from its force; by default level.
     fn angles<S: Scalar>(&self, _t: S) -> [S; 2] {
         [S::zero(); 2]
     }
@@ -68,7 +68,7 @@ pub trait Trajectory: Send + Sync {
     fn description(&self) -> &'static str {
         ""
     }
-    /// Everything the controllers use at time t, s.
+    /// Everything the controllers use at time t, s: world frame, SI, yaw not wrapped.
     fn sample(&self, t: f64) -> Setpoint<f64>;
     /// Position and yaw as series about t, s.
     fn series(&self, t: f64) -> Series {
@@ -77,7 +77,7 @@ pub trait Trajectory: Send + Sync {
         let yaw = Jet::from_derivatives([s.yaw, s.yaw_rate, s.yaw_acceleration, 0.0, 0.0]);
         ([0, 1, 2].map(|i| Jet::from_derivatives(axis(i))), yaw)
     }
-    /// Roll and pitch as series about t, s, for what holds them apart from its force; level unless told otherwise.
+    /// Roll and pitch as series about t, s, for what holds them apart from its force; by default level.
     fn angles(&self, _t: f64) -> [Jet<f64, 3>; 2] {
         [Jet::fixed(0.0); 2]
     }

@@ -79,11 +79,17 @@ impl Default for Waypoints {
 impl Waypoints {
     /// Solves for the path through 2 to [`MAX_WAYPOINTS`] points that turns the short way from yaw to yaw: 3.1 and −3.1 rad
     /// are 5° apart.
+    ///
+    /// # Errors
+    /// [`Error::Value`] or [`Error::Limit`] for fewer or more points, a number that is not finite, or times that do not rise by 1 ms.
     pub fn new(points: Vec<Waypoint>) -> Result<Self> {
         Self::solved(points, false)
     }
 
     /// As [`Waypoints::new`], every yaw taken as it is given: from 0 to 2π is one full turn.
+    ///
+    /// # Errors
+    /// As [`Waypoints::new`].
     pub fn with_turns(points: Vec<Waypoint>) -> Result<Self> {
         Self::solved(points, true)
     }
