@@ -53,13 +53,13 @@ impl Baseline {
         Ok(Self { seats, failures: Vec::new(), name, dt: spec.dt, n_action, config_hash: env.config_hash() })
     }
 
-    /// What flies, in one word.
+    /// Name of the controller that flies, in one word.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// Actions of all agents of all environments for the state as it is. Who cannot fly the numbers of its episode keeps its
-    /// rotors at rest speed: see [`Baseline::failures`].
+    /// Actions of all agents of all environments, `[E, A, action]` in [−1, 1], for the state as it is. An environment whose numbers no
+    /// controller can fly keeps its rotors at hover speed: see [`Baseline::failures`].
     ///
     /// # Errors
     /// [`Error::Value`] for another environment than the one it was made for, or actions of the wrong length.

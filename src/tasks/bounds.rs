@@ -14,24 +14,24 @@ with_defaults! {
     #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct Bounds {
-        /// Of a coordinate of a position, m.
+        /// Of a coordinate of a position, m, world. Default 200.
         pub distance: f64 = 200.0,
-        /// Of a component of a velocity, m/s.
+        /// Of a component of a velocity, m/s, world. Default 50.
         pub speed: f64 = 50.0,
-        /// Of a component of an angular velocity and of the rate of a joint, rad/s.
+        /// Of a component of an angular velocity and of the rate of a joint, rad/s. Default 300.
         pub rate: f64 = 300.0,
-        /// Of the angle of a joint, rad.
+        /// Of the angle of a joint, rad. Default 100.
         pub angle: f64 = 100.0,
-        /// Of the training loss of a step, which is cut there; the episode goes on.
+        /// Of the training loss of a step, which is cut there; the episode goes on. Default 300.
         pub loss: f64 = 300.0,
     }
 }
 
 impl Bounds {
-    /// Every bound is positive.
+    /// Checks that every bound is positive and finite.
     ///
     /// # Errors
-    /// [`Error::Value`] otherwise.
+    /// [`Error::Value`] that names the first that is not.
     pub fn validate(&self) -> Result<()> {
         let all = [
             ("distance", self.distance),

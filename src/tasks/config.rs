@@ -57,9 +57,9 @@ pub enum ActionSpace {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Delay {
-    /// Fewest.
+    /// Fewest, steps. Default 0.
     pub min: usize,
-    /// Most, up to `MAX_DELAY`.
+    /// Most, steps, up to 32. Default 0.
     pub max: usize,
 }
 
@@ -82,39 +82,40 @@ pub(crate) const MEMORY_LIMIT: u64 = 8 << 30;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct EnvConfig {
-    /// Environments, E.
+    /// Environments, E, at least 1; memory sets the upper limit. Default 4096.
     #[serde(deserialize_with = "whole")]
     pub n_env: usize,
-    /// Of all randomness.
+    /// Seed of all randomness. Default 0.
     pub seed: u64,
-    /// Number of the first environment: a shard of a larger batch gives its own.
+    /// Number of the first environment: a shard of a larger batch gives its own. Default 0.
     pub first_environment: u64,
-    /// Where actions enter the cascade.
+    /// Where actions enter the cascade. Default `rotor`.
     pub control: Level,
     /// What an action of 1 means in the control modes.
     pub action_scale: ActionScale,
     /// How far an action of 1 changes what the task's own controller commands, of a rotor's or drive's range of [−1, 1]:
     /// u = u_c + residual · a, clipped. The controller sees the true state but the nominal numbers, and reacts without
-    /// `delay`. 0: no controller, actions are the commands.
+    /// `delay`. [0, 2]; 0, the default: no controller, actions are the commands.
     pub residual: f64,
-    /// Numbers of an action.
+    /// Numbers of an action. Default continuous.
     pub actions: ActionSpace,
-    /// Steps between an action and its effect.
+    /// Steps between an action and its effect. Default none.
     pub delay: Delay,
-    /// Seconds per step of the environment.
+    /// Seconds per step of the environment. Default 0.016.
     pub dt: f64,
     /// Computations of the control modes' rate level per step, each followed by the physics of its time; 0 means 1 in
-    /// rotor mode and 4 otherwise.
+    /// rotor mode and 4 otherwise. At most 1000. Default 0.
     pub control_rate: usize,
-    /// Integrator steps per computation.
+    /// Integrator steps per computation, 1 to 1000. Default 1.
     pub substeps: usize,
-    /// How each is integrated.
+    /// How each is integrated. Default RK4.
     pub integrator: Integrator,
     /// Weight of the change of throttle in a step, (1/m) Σ ‖s − s_before‖² over the drones (s = Ω/Ω_max): a term of the reward
-    /// that is taken off, and a summand of the training loss. It calms commands that jump from step to step. 0: none.
+    /// that is taken off, and a summand of the training loss. It calms commands that jump from step to step. [0, 1e6]; 0, the default:
+    /// none.
     #[serde(skip_serializing_if = "is_zero")]
     pub throttle_change: f64,
-    /// Transforms of the observation, in order.
+    /// Transforms of the observation, in order. Default none.
     pub observation: Vec<ObservationTransform>,
     /// What differs between environments and episodes; none for the task's own, an empty list for nothing.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -123,26 +124,28 @@ pub struct EnvConfig {
     /// an empty list for none at all.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sensor: Option<Vec<SensorConfig>>,
-    /// Share of it, 0 to 1: where a curriculum begins.
+    /// Difficulty of episodes, 0 to 1: the share of the ranges of `randomise` that they take, and what a task makes of
+    /// [`Start::difficulty`](super::Start::difficulty). A curriculum begins here. Default 1.
     pub difficulty: f64,
     /// Share of the episodes whose difficulty is drawn, uniformly between 0 and [`difficulty`](Self::difficulty); the others have
-    /// that one. Where hard episodes end early, a learner whose difficulty rises goes on seeing how good ones go on.
+    /// that one. Where hard episodes end early, a learner whose difficulty rises goes on seeing how good ones go on. [0, 1]. Default 0.
     pub easier: f64,
-    /// Beyond which a simulation has exploded.
+    /// Bounds of the state: an episode that leaves them ends as `diverged`.
     pub bounds: Bounds,
-    /// What a done environment does.
+    /// What a done environment does. Default [`Autoreset::SameStep`].
     pub autoreset: Autoreset,
-    /// Whether first episodes begin anywhere in time, so that time-outs do not come together.
+    /// Whether first episodes begin anywhere in time, so that time-outs do not come together. Default false.
     pub stagger: bool,
     /// Mean number of steps after which episodes are truncated at random, m: every step is the last with a probability of 1/m, and
     /// at the horizon time is over as ever. 0: at the horizon alone. Learners, who know truncation from an end, see more of how
     /// episodes begin than of what comes when all is flown: where flying there is hard and staying is not, that is what they need.
+    /// Default 0.
     pub truncate_after: usize,
-    /// Names of the columns of [`Spec::info`](super::Spec::info) that are told, in the order of that list however they are named; none
-    /// for all. What is left out is not computed. Learners tell what they read whatever this says, and evaluations all.
+    /// Names of the columns of [`Spec::info`](super::Spec::info) that are reported, in the order of that list however they are named;
+    /// none for all. What is left out is not computed. Learners add the columns that they read, and evaluations report all.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub info: Option<Vec<String>>,
-    /// Most memory, bytes.
+    /// Most memory, bytes. Default 8 GiB.
     pub memory_limit: u64,
     /// A vehicle of one's own, which the task's setting `vehicle` names like a built-in one.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -248,7 +251,7 @@ impl EnvConfig {
         self.sensor.as_deref().unwrap_or_default()
     }
 
-    /// The same with episodes that are flown from their start to their end, none of them made easier and all told of them: without
+    /// The same with episodes that are flown from their start to their end, none of them made easier, and every column reported: without
     /// [`stagger`](Self::stagger), [`truncate_after`](Self::truncate_after), [`easier`](Self::easier) and [`info`](Self::info), which
     /// are for learners.
     #[must_use]

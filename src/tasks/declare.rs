@@ -83,7 +83,7 @@ impl<S> Writer<S> {
         self.describe(|field| (field.low, field.high) = (low, high))
     }
 
-    /// How far gradients of the field may be trusted; [`Smoothness::Smooth`] unless said.
+    /// How far gradients of the field may be trusted; by default [`Smoothness::Smooth`].
     pub fn smoothness(&mut self, smoothness: Smoothness) -> &mut Self {
         self.describe(|field| field.smoothness = smoothness)
     }
@@ -98,7 +98,7 @@ impl<S> Writer<S> {
         self.smoothness(Smoothness::NonSmooth)
     }
 
-    /// How the numbers of the field lie about each other; [`FieldLayout::Vector`] unless said.
+    /// How the numbers of the field are arranged; by default [`FieldLayout::Vector`].
     pub fn layout(&mut self, layout: FieldLayout) -> &mut Self {
         self.describe(|field| field.layout = layout)
     }
@@ -108,7 +108,7 @@ impl<S> Writer<S> {
         self.layout(FieldLayout::Image { height, width, channels })
     }
 
-    /// The field is distances along beams, row by row.
+    /// The field is distances along the beams of a lidar, row by row.
     pub fn lidar(&mut self, rows: usize, columns: usize) -> &mut Self {
         self.layout(FieldLayout::Lidar { rows, columns })
     }
@@ -118,18 +118,18 @@ impl<S> Writer<S> {
         self.layout(FieldLayout::Members { members })
     }
 
-    /// The number to come is a summand of the reward between 0 and `bound`; where it may be less, [`within`](Self::within) says
-    /// how much.
+    /// The number to come is a summand of the reward between 0 and `bound`; where it may be less, [`within`](Self::within) gives
+    /// its least value.
     pub fn term(&mut self, name: &'static str, formula: &'static str, bound: f64) -> &mut Self {
         self.field(name, "-", formula).within(0.0, bound)
     }
 
-    /// The next number is a figure that is told in every step.
+    /// The next number is a figure that is reported in every step, in this unit.
     pub fn metric(&mut self, name: &'static str, unit: &'static str, value: S) {
         self.field(name, unit, "now").number(value);
     }
 
-    /// Numbers that are parts of the field that is open, whatever `write` calls them.
+    /// Numbers that are parts of the open field, whatever names `write` gives them.
     pub fn unnamed(&mut self, write: impl FnOnce(&mut Self)) {
         let was_muted = std::mem::replace(&mut self.is_muted, true);
         write(self);

@@ -13,17 +13,17 @@ pub struct Evaluation {
     pub n_episode: usize,
     /// Mean of the returns.
     pub return_mean: f64,
-    /// Their standard deviation.
+    /// Their standard deviation, √(Σ(R − R̄)²/n).
     pub return_std: f64,
     /// Mean return over the largest, [`Spec::reward_bound`](super::Spec::reward_bound) times the horizon.
     pub share_of_bound: f64,
-    /// Mean of the task's first metric in the last step, as a rule the position error, m; 0 where a task has none.
+    /// Mean of the task's first metric in the last step, in its unit, as a rule the position error, m; 0 where a task has none.
     pub final_error: f64,
-    /// Mean over all steps of all episodes, m.
+    /// Mean of the task's first metric over all steps of all episodes, in its unit.
     pub mean_error: f64,
     /// Share of episodes whose last step was a success ([`Spec::success`](super::Spec::success)) and no termination.
     pub success: f64,
-    /// Where the share of all episodes there are lies with 95 % confidence ([`wilson`]).
+    /// 95 % confidence interval `[low, high]` of the true share ([`wilson`]).
     pub success_interval: [f64; 2],
     /// Share of episodes whose last step (any, where a success counts once) had the first metric below the first limit of a
     /// success, and was no termination: neither attitude nor what was before it counts.
@@ -32,7 +32,7 @@ pub struct Evaluation {
     pub crashed: f64,
     /// Mean number of steps.
     pub length: f64,
-    /// What the rotors were told; none in evaluations that were written before it was told.
+    /// Activity of the rotors' commands; none in evaluations written before it was measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub activity: Option<Activity>,
     /// Mean of every metric in the last step, in the order of the task's metrics.
@@ -63,7 +63,7 @@ pub fn wilson(hits: usize, n: usize) -> [f64; 2] {
     [(middle - half).max(0.0), (middle + half).min(1.0)]
 }
 
-/// A step of an evaluation, as those see it who watch.
+/// A step of an evaluation, as it is shown to `watch`.
 #[derive(Debug, Clone, Copy)]
 pub struct EvaluationStep<'a> {
     /// After the step.
@@ -76,14 +76,14 @@ pub struct EvaluationStep<'a> {
     pub flying: &'a [bool],
 }
 
-/// Who fills the actions `[E, A, action]` of an environment from the arrays of the step before.
+/// A policy: fills the actions `[E, A, action]` of an environment from the arrays of the step before.
 pub type PolicyFn<'a> = dyn FnMut(&Env, &Buffers, &mut [f32]) -> Result<()> + 'a;
 
 /// Flies one episode of every environment, from the starts of its seeds. `policy` fills the actions from the arrays of
 /// the step before; `watch` sees every step: a progress bar, a [`Record`](super::Record).
 ///
 /// # Errors
-/// [`Error::Value`] unless the environment was made with `autoreset = "disabled"` and tells all columns of its information; those of
+/// [`Error::Value`] unless the environment was made with `autoreset = "disabled"` and reports all columns of its information; those of
 /// the policy; otherwise as [`Env::step`].
 pub fn evaluate(
     env: &mut Env,
@@ -163,7 +163,7 @@ impl EpisodeRows {
         Ok(own)
     }
 
-    /// Those of environments whose numbers follow.
+    /// Appends those of the environments that follow.
     pub fn join(&mut self, next: Self) {
         self.info.extend(next.info);
         self.terminated.extend(next.terminated);

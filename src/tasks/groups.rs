@@ -17,7 +17,7 @@ pub enum GroupKind {
     Actor,
     /// What critics may see, in a row of the central state.
     Critic,
-    /// What no policy is told, in a row of the privileged numbers.
+    /// What policies do not see, in a row of the privileged numbers.
     Privileged,
     /// Pixels, in a row of the observation.
     Image,

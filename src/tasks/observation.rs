@@ -15,12 +15,12 @@ use serde::{Deserialize, Serialize};
 pub enum ObservationTransform {
     /// The last `steps` observations, newest first; zeros before an episode began.
     History {
-        /// 2 to `MAX_HISTORY`.
+        /// 2 to 256.
         steps: usize,
     },
     /// Independent normal noise in every step.
     Noise {
-        /// Standard deviation.
+        /// Standard deviation, in the unit of the field.
         std: f64,
         /// Names of the fields that get it; all if empty.
         #[serde(default)]
@@ -29,7 +29,7 @@ pub enum ObservationTransform {
     /// (x − mean)/std of statistics that [`Env::update_normaliser`](super::Env::update_normaliser) takes from all
     /// observations since its last call; frozen in between.
     Normalise {
-        /// Results stay within ± this.
+        /// Results stay within ± this. Default 10.
         #[serde(default = "ten")]
         clip: f64,
     },
@@ -53,10 +53,10 @@ pub(crate) const MAX_NUMBERS: usize = 1 << 18;
 pub(crate) const LEAST_NOMINAL: f64 = 1e-12;
 
 impl ObservationTransform {
-    /// Checks the numbers of a stage.
+    /// Checks the numbers of a transform.
     ///
     /// # Errors
-    /// [`Error::Limit`] or [`Error::Value`].
+    /// [`Error::Limit`] or [`Error::Value`] that names the number.
     pub fn validate(&self) -> Result<()> {
         let positive = |what: &str, x: f64| {
             if x > 0.0 && x.is_finite() {

@@ -104,20 +104,20 @@ impl Distribution {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Randomisation {
-    /// What.
+    /// What changes.
     pub what: RandomisedQuantity,
-    /// Lowest and highest.
+    /// Lowest and highest: factors with `scale`, else in the unit of the quantity.
     pub range: [f64; 2],
-    /// How it is spread between them.
+    /// How it is spread between them. Default uniform.
     #[serde(default, skip_serializing_if = "Distribution::is_uniform")]
     pub distribution: Distribution,
-    /// How.
+    /// How a draw acts on the nominal value. Default `scale`.
     #[serde(default)]
     pub by: RandomisationOperation,
-    /// When.
+    /// When it is drawn. Default `reset`.
     #[serde(default)]
     pub when: RandomisationTime,
-    /// Whether every rotor (axis, drone) has a draw of its own, or all one in common.
+    /// Whether every rotor (axis, drone) has a draw of its own, or all one in common. Default false.
     #[serde(default)]
     pub each: bool,
 }

@@ -43,7 +43,7 @@ pub struct RecordedStep {
     pub n_flying: usize,
     /// Mean reward.
     pub reward: f64,
-    /// Mean of every term of the reward that the environment tells.
+    /// Mean of every term of the reward that the environment reports.
     pub terms: Vec<f64>,
     /// Every metric of the task, in its order.
     pub metrics: Vec<Spread>,
@@ -167,7 +167,7 @@ impl Record {
     /// Why episode `environment` ended: a name of [`Spec::ends`], `diverged`, or `time`.
     ///
     /// # Errors
-    /// [`Error::Value`] if there is no such environment, or where the environment does not tell reasons.
+    /// [`Error::Value`] if there is no such environment, or where the environment does not report reasons.
     pub fn why(&self, environment: usize) -> Result<&str> {
         let (n, width) = (self.spec.n_env, self.spec.info.len());
         if environment >= n {

@@ -157,7 +157,7 @@ impl Env {
 static OWN: RwLock<Vec<&'static TaskEntry>> = RwLock::new(Vec::new());
 
 /// Makes a task of one's own known by its name in this process, as built-in ones are: to environments, training, evaluation,
-/// checkpoints and what is told of them. Do so before runs or policies of it are read.
+/// checkpoints and their messages. Do so before runs or policies of it are read.
 ///
 /// # Errors
 /// [`Error::Value`] for a name that is taken (case does not matter).

@@ -377,7 +377,7 @@ impl<'a, S: StartScalar> Start<'a, S> {
         self.state[at + 6..at + 10].copy_from_slice(&attitude);
     }
 
-    /// As [`Start::place`] such that the point `local` of the root comes to `point`.
+    /// As [`Start::place`] such that the point `local` (m, root axes) of the root comes to `point` (m, world).
     ///
     /// # Panics
     /// If there is no such tree.
@@ -394,12 +394,12 @@ impl<'a, S: StartScalar> Start<'a, S> {
         self.place(tree, [0, 1, 2].map(|i| point[i] - lever[i]), attitude);
     }
 
-    /// Uniform in a box: lowest and highest per axis.
+    /// Uniform in a box: lowest and highest per axis, m, world.
     pub fn position(&mut self, range: [[impl Into<S>; 2]; 3]) -> Vec3<S> {
         range.map(|[low, high]| self.reset.uniform(low, high))
     }
 
-    /// Roll and pitch uniform within ±`tilt`, yaw uniform within `yaw`.
+    /// Attitude with roll and pitch uniform within ±`tilt` and yaw uniform within `yaw`, rad; `[w, x, y, z]`.
     pub fn attitude(&mut self, tilt: impl Into<S>, yaw: [impl Into<S>; 2]) -> Quat<S> {
         let (tilt, [low, high]) = (tilt.into(), yaw);
         let (roll, pitch) = (self.reset.uniform(-tilt, tilt), self.reset.uniform(-tilt, tilt));

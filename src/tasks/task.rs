@@ -64,7 +64,7 @@ pub trait Task: Send + Sync {
     /// Steps until truncation, T.
     fn horizon(&self) -> usize;
 
-    /// Agents, one per drone unless said otherwise; each acts with its drone's rotors and drives. Drones may be unlike: rows
+    /// Agents, by default one per drone; each acts with its drone's rotors and drives. Drones may be unlike: rows
     /// of actions are as wide as the widest one's, and what stands behind an agent's own numbers moves nothing.
     fn n_agent(&self) -> usize {
         self.robot().drones().len()
@@ -80,7 +80,7 @@ pub trait Task: Send + Sync {
         ""
     }
 
-    /// What stands around, beside the shapes of the robot's model: sensors see both. Level ground unless said otherwise.
+    /// What stands around, beside the shapes of the robot's model: sensors see both. By default level ground.
     fn scene(&self) -> Scene {
         Scene::grounded()
     }
@@ -125,7 +125,7 @@ pub trait Task: Send + Sync {
     /// Which reasons to terminate hold.
     fn ends(&self, view: &View, ends: &mut Ends);
 
-    /// [Figures](Writer::metric) that are told in every step; the first is the error, as a rule.
+    /// [Figures](Writer::metric) that are reported in every step; the first is the error, as a rule.
     fn metrics(&self, _view: &View, _out: &mut Writer) {}
 
     /// Whether the goal counts as reached in this step.
@@ -144,7 +144,7 @@ pub trait Task: Send + Sync {
         loss.add("−reward", sum);
     }
 
-    /// What our controllers track in an episode that begins as `view` shows, if references can say it.
+    /// What the task's own controllers track in an episode that begins as `view` shows; `None` where no reference can express it.
     fn reference(&self, _view: &View<'_, f64>) -> Option<TaskReference> {
         None
     }
@@ -180,7 +180,7 @@ pub struct TaskReference {
     pub references: Vec<Reference>,
     /// Roll and pitch to hold beside the one reference.
     pub tilt: Tilt,
-    /// Where that is now which the one reference leads, world, m; none where it is the drones, each its own.
+    /// Present position of the point that the one reference leads, world, m; none where each drone follows a reference of its own.
     pub follower: Option<Vec3<f64>>,
 }
 
@@ -222,11 +222,11 @@ impl TaskReference {
 pub struct View<'a, S = Trace> {
     /// What flies.
     pub robot: &'a Robot,
-    /// Of the physics, in the robot's layout.
+    /// State of the physics, SI, in the robot's layout.
     pub state: &'a [S],
-    /// Motion of every body.
+    /// Motion of every body, 13 numbers each; [`frame`](Self::frame) reads them.
     pub frames: &'a [S],
-    /// Rotor speeds before the step, in the order of the drones; those of the state in the first view of an episode.
+    /// Rotor speeds before the step, rad/s, in the order of the drones; those of the state in the first view of an episode.
     pub speeds_before: &'a [S],
     /// What stays through the episode ([`TaskSpec::goal`](super::TaskSpec::goal)).
     pub goal: &'a [S],

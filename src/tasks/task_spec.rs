@@ -27,13 +27,13 @@ with_defaults! {
         pub high: f64 = f64::INFINITY,
         /// Of its numbers, as functions of the state.
         pub smoothness: Smoothness = Smoothness::Smooth,
-        /// How its numbers lie about each other.
+        /// How its numbers are arranged.
         #[serde(default, skip_serializing_if = "FieldLayout::is_vector")]
         pub layout: FieldLayout = FieldLayout::Vector,
     }
 }
 
-/// How the numbers of a field lie about each other.
+/// How the numbers of a field are arranged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", tag = "kind")]
 pub enum FieldLayout {
@@ -180,7 +180,7 @@ pub struct End {
 /// The end that every task has beside its own.
 pub const DIVERGED: &str = "diverged";
 
-/// A figure of an environment that is told in every step beside the reward.
+/// A figure of an environment that is reported in every step beside the reward.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Metric {
     /// `position_error`.

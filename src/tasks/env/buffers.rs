@@ -13,7 +13,7 @@ use base::parallel::Divide;
 /// other rows stay as they were.
 #[derive(Debug)]
 pub struct StepOut<'a> {
-    /// `[E, A, observation]`.
+    /// `[E, A, observation]`, behind all transforms.
     pub observation: &'a mut [f32],
     /// `[E, A]`; all agents of an environment share one.
     pub reward: &'a mut [f32],
@@ -21,7 +21,7 @@ pub struct StepOut<'a> {
     pub terminated: &'a mut [u8],
     /// `[E]`, 1 where its time was over.
     pub truncated: &'a mut [u8],
-    /// `[E, central]`, optional.
+    /// `[E, central]`, optional: the state for critics.
     pub central: &'a mut [f32],
     /// `[E, privileged]`, optional: the numbers that differ between environments.
     pub privileged: &'a mut [f32],
@@ -57,7 +57,7 @@ pub struct Buffers {
 }
 
 impl Buffers {
-    /// All of them.
+    /// All of them, of the sizes of `spec`, zeros.
     pub fn new(spec: &Spec) -> Self {
         let (e, a) = (spec.n_env, spec.n_agent);
         Self {

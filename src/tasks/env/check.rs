@@ -4,12 +4,12 @@ use super::{Buffers, Column, Env, Space};
 use crate::config::{Autoreset, EnvConfig};
 use base::error::Result;
 
-/// One claim about an environment, and what spoke against it.
+/// One claim about an environment, and a counterexample where there is one.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Finding {
     /// What should hold.
     pub claim: &'static str,
-    /// Nothing, or the first case where it does not.
+    /// The first case where it does not; `None` where it holds in all.
     pub objection: Option<String>,
 }
 

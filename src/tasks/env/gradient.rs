@@ -140,7 +140,7 @@ impl Tape {
         self.statistics.len()
     }
 
-    /// Of memory.
+    /// Memory that it takes, bytes.
     pub fn bytes(&self) -> u64 {
         tape_bytes(&self.layout, self.blocks.len(), self.horizon()) as u64
     }
@@ -237,9 +237,9 @@ pub struct Cotangents<'a> {
 /// How cotangents travel from step to step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SweepOptions {
-    /// Factor per step on what is carried; 1 is the exact gradient.
+    /// Factor per step on what is carried; 1, the default, is the exact gradient.
     pub decay: f32,
-    /// Largest norm of what is carried, per environment; infinite for none.
+    /// Largest norm of what is carried, per environment; infinite, the default, for none.
     pub clip: f32,
 }
 
@@ -311,7 +311,7 @@ impl Env {
     /// As [`Env::adjoint`], for cotangents of these results alone.
     ///
     /// # Errors
-    /// As there.
+    /// As [`Env::adjoint`].
     pub fn adjoint_of(&self, parameters: bool, seeds: Seeds) -> Result<Adjoint> {
         self.check_differentiable()?;
         self.check_continuous()?;
@@ -506,7 +506,7 @@ fn check_same_layout(tape: &Tape, layout: &StepLayout, n_env: usize) -> Result<(
 pub struct Jacobian {
     /// Carried numbers, action, parameters, then what no derivative is taken of.
     pub arguments: Vec<f64>,
-    /// The results themselves.
+    /// The results themselves, in the order of [`Jacobian::layout`].
     pub value: Vec<f64>,
     /// Rows: carried numbers, observation, central state, reward, loss, poses. Columns: carried numbers, action, parameters.
     pub matrix: DMatrix<f64>,
@@ -543,27 +543,27 @@ impl Jacobian {
         self.view(&(row..row + 1), columns)
     }
 
-    /// A of x⁺ = A x + B a + C θ: of the physical state alone.
+    /// A of x⁺ = A x + B a + C θ, `[state, state]`: of the physical state alone.
     pub fn state(&self) -> DMatrixView<'_, f64> {
         self.view(&self.layout.state, &self.layout.state)
     }
 
-    /// B of x⁺ = A x + B a + C θ.
+    /// B of x⁺ = A x + B a + C θ, `[state, A · action]`.
     pub fn action(&self) -> DMatrixView<'_, f64> {
         self.view(&self.layout.state, &self.layout.action)
     }
 
-    /// C of x⁺ = A x + B a + C θ: by the numbers that differ between environments.
+    /// C of x⁺ = A x + B a + C θ, `[state, parameter]`: by the numbers that differ between environments.
     pub fn parameters(&self) -> DMatrixView<'_, f64> {
         self.view(&self.layout.state, &self.layout.parameters)
     }
 
-    /// ∂observation/∂state.
+    /// ∂observation/∂state, `[A · observation, state]`.
     pub fn observation_state(&self) -> DMatrixView<'_, f64> {
         self.view(&self.layout.observation, &self.layout.state)
     }
 
-    /// ∂observation/∂action.
+    /// ∂observation/∂action, `[A · observation, A · action]`.
     pub fn observation_action(&self) -> DMatrixView<'_, f64> {
         self.view(&self.layout.observation, &self.layout.action)
     }
@@ -743,7 +743,8 @@ impl Sweep {
         self.rows_into("carried", |block| &block.carried, rows)
     }
 
-    /// Sums over all steps pulled, `[E, parameter]`; empty unless the adjoint was made with parameters.
+    /// Gradients with respect to the numbers that differ between environments, summed over all steps pulled, `[E, parameter]`; empty
+    /// unless the adjoint was made with parameters.
     pub fn parameters(&self) -> Vec<f32> {
         self.rows(|block| &block.parameters)
     }

@@ -294,7 +294,7 @@ impl Env {
         self.threads = threads;
     }
 
-    /// Names, sizes, units, bounds.
+    /// Names, sizes, units and bounds of all arrays.
     pub fn spec(&self) -> &Spec {
         &self.spec
     }
@@ -335,7 +335,7 @@ impl Env {
         }
     }
 
-    /// The curriculum's hook: from the next restarts on, episodes take this share of all randomisation, between the nominal
+    /// For curricula: from the next restarts on, episodes take this share of all randomisation, between the nominal
     /// numbers (0) and the ranges of the configuration (1); tasks see it as [`Start::difficulty`](super::Start::difficulty).
     /// A share of [`EnvConfig::easier`] has less. Saved with the state.
     ///
@@ -435,7 +435,7 @@ impl Env {
         self.check_started().is_ok()
     }
 
-    /// The physical state of one environment, in the layout of the task's robot.
+    /// The physical state of one environment, `[state]`, in the layout of the task's robot (SI).
     ///
     /// # Errors
     /// [`Error::Limit`] if there is no such environment.
@@ -553,7 +553,7 @@ impl Env {
         self.core.sizes.rotor
     }
 
-    /// What every rotor is told, `[E, rotor]`, row-major, agent by agent: its command in \[−1, 1\] at the end of the last step,
+    /// Commands of all rotors, `[E, rotor]`, row-major, agent by agent: each in \[−1, 1\], at the end of the last step,
     /// before its motor's lag, whatever actions mean; allocates nothing.
     ///
     /// # Errors
@@ -593,8 +593,8 @@ impl Env {
         ideal_terms(&self.core)
     }
 
-    /// What our controllers track from the state of one environment on, where an episode begins, if references can say
-    /// it.
+    /// What the task's own controllers track from the state of one environment on, where an episode begins; `None` where no reference
+    /// can express it.
     ///
     /// # Errors
     /// As [`Env::state`].

@@ -21,7 +21,7 @@ pub struct PendingStatistics {
 }
 
 impl PendingStatistics {
-    /// With what another shard saw since the same statistics were frozen.
+    /// Adds what another shard saw since the same statistics were frozen.
     ///
     /// # Errors
     /// [`Error::Value`] if it is of another number of entries.

@@ -7,7 +7,7 @@ use base::error::Result;
 /// What a step of a [`SingleEnv`] gives.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SingleStep<'a> {
-    /// All agents', one after the other.
+    /// `[A · observation]`: all agents', one after the other.
     pub observation: &'a [f32],
     /// Of the team.
     pub reward: f32,
@@ -15,7 +15,7 @@ pub struct SingleStep<'a> {
     pub terminated: bool,
     /// Its time was over.
     pub truncated: bool,
-    /// Columns of [`Spec::info`].
+    /// Columns of [`Spec::info`], `[info]`.
     pub info: &'a [f32],
 }
 
@@ -66,16 +66,16 @@ impl SingleEnv {
         Self { env, buffers }
     }
 
-    /// Begins the first episode of a seed; returns its first observation.
+    /// Begins the first episode of a seed; returns its first observation, `[A · observation]`.
     ///
     /// # Errors
-    /// None with buffers of its own.
+    /// None: its buffers have the right lengths.
     pub fn reset(&mut self, seed: u64) -> Result<&[f32]> {
         self.env.reset(None, Some(&[seed]), &mut self.buffers.out())?;
         Ok(&self.buffers.observation)
     }
 
-    /// One step with the actions of all agents, one after the other.
+    /// One step with the actions of all agents, one after the other, `[A · action]`, each number in [−1, 1].
     ///
     /// # Errors
     /// As [`Env::step`].

@@ -10,7 +10,7 @@ use base::reader;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
-/// The numbers that an agent may answer.
+/// The actions that an agent may take.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", tag = "kind")]
 pub enum Space {
@@ -78,7 +78,7 @@ pub struct Info {
     pub name: String,
     /// SI.
     pub unit: String,
-    /// What it is. Every number is told in every step; where an episode ended it is that episode's.
+    /// What it is. Every number is reported in every step; where an episode ended it is that episode's.
     pub meaning: String,
 }
 
@@ -159,7 +159,7 @@ pub struct Spec {
     /// among actions they move nothing.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub unlike: Vec<AgentWidths>,
-    /// Numbers of the central state.
+    /// Numbers of the central state; 0 where there is none.
     pub n_central: usize,
     /// Its fields, in order.
     pub central: Vec<Field>,
@@ -239,7 +239,7 @@ impl Spec {
         reader::of_json(text.as_bytes(), "<spec>", "Take what Spec::to_json wrote.")
     }
 
-    /// Place of a field in the observation.
+    /// Place of the field called `name` in the observation; `None` where there is none.
     pub fn observation_range(&self, name: &str) -> Option<Range<usize>> {
         let mut at = 0;
         for field in &self.observation {
@@ -259,14 +259,14 @@ impl Spec {
         (each(|f| f.low), each(|f| f.high))
     }
 
-    /// Columns of the information with the sums of the reward's terms, as many of them as are told.
+    /// Columns of the information with the sums of the reward's terms, as many of them as are reported.
     pub fn term_columns(&self) -> Range<usize> {
         let first = Column::ALL.into_iter().filter(|column| self.column(*column).is_some()).count();
         let n = self.reward.iter().filter(|term| self.info_column(&term.column()).is_some()).count();
         first..first + n
     }
 
-    /// Columns of the information with the task's figures, as many of them as are told; the first of all is the error, as a rule.
+    /// Columns of the information with the task's figures, as many of them as are reported; the first of all is the error, as a rule.
     pub fn metric_columns(&self) -> Range<usize> {
         self.term_columns().end..self.info.len()
     }
@@ -281,7 +281,7 @@ impl Spec {
         self.info_column(column.name())
     }
 
-    /// As [`Spec::column`], for those who cannot do without.
+    /// As [`Spec::column`], where it must be there.
     ///
     /// # Errors
     /// [`Error::Value`] that says what is left out.

@@ -20,7 +20,8 @@ pub struct StepPhases<'a> {
 }
 
 impl Env {
-    /// Lets `look` do a step of one environment as it stands, phase by phase. The environment itself does not move.
+    /// Lets `look` do a step of one environment as it stands, phase by phase, with the actions of its agents, `[A · action]`. The
+    /// environment itself does not move.
     ///
     /// ```
     /// # use omnidrones_tasks::omnidrones;
@@ -115,7 +116,7 @@ impl StepPhases<'_> {
         self.step.physics();
     }
 
-    /// Stops what left its [`Bounds`](crate::Bounds); the state at rest is shown in its place.
+    /// Stops a vehicle that left its [`Bounds`](crate::Bounds); the state at rest is shown in its place.
     pub fn contain(&mut self) {
         self.step.contain();
     }

@@ -32,7 +32,7 @@ pub struct StepLayout {
     pub line: Range<usize>,
     /// Memory of the transforms.
     pub history: Range<usize>,
-    /// Of all agents.
+    /// Actions of all agents.
     pub action: Range<usize>,
     /// Physical numbers that differ between environments.
     pub parameters: Range<usize>,
@@ -48,15 +48,15 @@ pub struct StepLayout {
     pub readings: Range<usize>,
     /// Normal draws of the noise of observations.
     pub noise: Range<usize>,
-    /// Of the normaliser: means, then 1/standard deviations.
+    /// Statistics of the normaliser: means, then 1/standard deviations.
     pub statistics: Range<usize>,
     /// Of all agents, behind the transforms; a result.
     pub observation: Range<usize>,
     /// The central state; a result.
     pub central: Range<usize>,
-    /// Of the team; a result.
+    /// Reward of the team; a result.
     pub reward: usize,
-    /// A result.
+    /// Training loss; a result.
     pub loss: usize,
     /// Position and attitude of every body that carries a sensor with `gradient = "pose"`, when it reads; a result. Readings
     /// are arguments, so that their gradients come in here.
