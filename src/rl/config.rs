@@ -40,11 +40,11 @@ with_defaults! {
     #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct Evaluate {
-        /// Updates between two; 0 for none before the end.
+        /// Updates between two; 0 for none before the end. Default 100.
         pub every: u64 = 100,
-        /// Episodes, each of an environment of its own.
+        /// Episodes, each of an environment of its own. Default 1024.
         pub envs: usize = 1024,
-        /// Of their starts; another one than the run's.
+        /// Seed of their starts; another one than the run's. Default 1 000 003.
         pub seed: u64 = 1_000_003,
     }
 }
@@ -54,11 +54,12 @@ with_defaults! {
     #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct Checkpoints {
-        /// Updates between two; 0 for none before the end.
+        /// Updates between two; 0 for none before the end. Default 100.
         pub every: u64 = 100,
         /// Seconds of training after which one is made in between; 0 for none. At least fifty times as long as the last one took.
+        /// Default 60.
         pub seconds: u64 = 60,
-        /// How many of the newest stay, 2 or more.
+        /// How many of the newest stay, 2 or more. Default 2.
         pub keep: usize = 2,
     }
 }
@@ -66,8 +67,8 @@ with_defaults! {
 /// A training run. In files the settings of the algorithm are a table of its name; those of others do not count.
 ///
 /// `env` describes the environments but not how many there are and how they are drawn: their number stands with the
-/// algorithm, and everything random comes from `seed`. First episodes begin anywhere in time (`stagger`) unless told
-/// otherwise.
+/// algorithm, and everything random comes from `seed`. First episodes begin anywhere in time (`stagger`) by
+/// default.
 ///
 /// ```
 /// # use omnidrones_rl::omnidrones;
@@ -86,9 +87,9 @@ pub struct TrainConfig {
     /// How to learn.
     #[serde(skip)]
     pub algorithm: Box<dyn Algorithm>,
-    /// Of all that is random in the run.
+    /// Seed of all that is random in the run. Default 0.
     pub seed: u64,
-    /// Updates between two lines of the log.
+    /// Updates between two lines of the log, at least 1. Default 10.
     pub log_every: u64,
     /// The policy to begin from instead of random weights: the folder of a run, or `Task`, `Task/algorithm` or `/algorithm`,
     /// which is trained first by its recipe. Or `safe_command`: random weights that act about the command that carries the
@@ -98,7 +99,7 @@ pub struct TrainConfig {
     /// the recipe gives those too.
     #[serde(skip_serializing_if = "Table::is_empty")]
     pub from_settings: Table,
-    /// Whether an event file for TensorBoard stands beside the log: 1 or 2 kB per line.
+    /// Whether an event file for TensorBoard stands beside the log: 1 or 2 kB per line. Default true.
     pub tensorboard: bool,
     /// How well the policy does.
     pub evaluate: Evaluate,
@@ -321,7 +322,7 @@ impl TrainConfig {
         fields(source, name).into_iter().find_map(|(field, meaning)| (field == key).then_some(meaning))
     }
 
-    /// Takes settings out of a [lifted](Self::lifted) table that a training run sets itself: their names, and where they
+    /// Takes settings out of a [lifted](Self::lifted) table that a training run sets itself; returns their names, and where they
     /// are given instead.
     pub fn take_foreign(table: &mut Table) -> Vec<(&'static str, &'static str)> {
         let Some(Value::Table(env)) = table.get_mut("env") else { return Vec::new() };
@@ -452,7 +453,7 @@ impl TrainConfig {
         self.algorithm.updates()
     }
 
-    /// With another number of updates.
+    /// The same with this number of updates.
     pub fn with_updates(mut self, updates: u64) -> Self {
         self.algorithm.set_updates(updates);
         self

@@ -31,19 +31,20 @@ pub enum GoodEpisode {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Curriculum {
-    /// Difficulty at the start of the run; 1 for no curriculum.
+    /// Difficulty at the start of the run; 1 for no curriculum. Within [0, 1]; default 1.
     pub from: f64,
-    /// Share of the run behind which the difficulty is 1 in any case.
+    /// Share of the run from which on the difficulty is 1 in any case. Within [0, 1]; default 0.7.
     pub full: f64,
     /// What tells how many episodes went well: "survival", "success", or "return", the mean return as a share of the largest.
+    /// Default "survival".
     pub good: GoodEpisode,
-    /// Share of good episodes, or of return, above which the difficulty rises.
+    /// Share of good episodes, or of return, above which the difficulty rises. Within [0, 1]; default 0.8.
     pub raise: f64,
-    /// Share below which it falls.
+    /// Share of good episodes, or of return, below which it falls. Within [0, 1], at most `raise`; default 0.4.
     pub lower: f64,
-    /// How far it moves.
+    /// How far it moves at a time. Within (0, 1]; default 0.05.
     pub step: f64,
-    /// Episodes between two moves.
+    /// Episodes between two moves. At least 1; default 256.
     pub episodes: u64,
 }
 

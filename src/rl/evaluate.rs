@@ -10,7 +10,7 @@ use tasks::{self, Autoreset, Env, EnvConfig, Evaluation, EvaluationStep};
 pub struct Starts {
     /// Environments, one episode each.
     pub n_env: usize,
-    /// Of their starts.
+    /// Seed of their starts.
     pub seed: u64,
 }
 

@@ -281,7 +281,7 @@ pub struct Update {
     pub rate: f64,
     /// More figures, by name.
     pub extra: Vec<(&'static str, f64)>,
-    /// Time of each phase.
+    /// Time of each phase, by name.
     #[serde(skip)]
     pub phases: Vec<(&'static str, Duration)>,
 }

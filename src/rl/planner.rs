@@ -26,19 +26,20 @@ with_defaults! {
     #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct PlannerConfig {
-        /// H, steps.
+        /// H, steps of a plan. 1 to 65 536; default 128.
         pub horizon: usize = 128,
-        /// Steps down the gradient before the first action.
+        /// Steps down the gradient before the first action. 1 to 65 536; default 80.
         pub first_iterations: usize = 80,
-        /// Steps down the gradient before every other action.
+        /// Steps down the gradient before every other action. 1 to 65 536; default 8.
         pub iterations: usize = 8,
-        /// Learning rate of actions, whose range is [−1, 1].
+        /// Learning rate of actions, whose range is [−1, 1]. > 0; default 0.005.
         pub learning_rate: f64 = 0.005,
-        /// What is minimised.
+        /// What is minimised. Default the task's loss.
         pub objective: TrainingObjective = TrainingObjective::Loss,
-        /// Steps that the last one of a plan stands for: what comes behind it costs too.
+        /// Steps that the last one of a plan stands for: what comes behind it costs too. > 0; default 20.
         pub beyond: f32 = 20.0,
         /// Largest norm, per environment, of the gradient that is carried back: what tumbles would not be caught otherwise.
+        /// > 0, infinite for none; default 100.
         pub adjoint_clip: f32 = 100.0,
     }
 }
@@ -130,7 +131,7 @@ impl Planner {
         &self.config
     }
 
-    /// Actions of all environments for the state as it is.
+    /// Actions of all environments, `[E, A, action]` in [−1, 1], for the state as it is.
     ///
     /// # Errors
     /// [`Error::Format`] for an environment of another configuration; [`Error::Value`] for actions of the wrong length;

@@ -250,7 +250,7 @@ impl Policy {
         })
     }
 
-    /// What a learner has learnt in environments like `env`.
+    /// A learner's actor with its parameters, for environments like `env`.
     ///
     /// # Errors
     /// As [`Policy::new`].
@@ -260,7 +260,7 @@ impl Policy {
         Self::new(actor.clone(), parameters.to_vec(), statistics, env.spec())
     }
 
-    /// What shape it has.
+    /// Its shape: network and head.
     pub fn actor(&self) -> &Actor {
         &self.actor
     }
@@ -270,7 +270,7 @@ impl Policy {
         &self.parameters
     }
 
-    /// Of the normaliser it was trained behind.
+    /// Statistics of the normaliser it was trained behind; `None` without one.
     pub fn statistics(&self) -> Option<&Statistics> {
         self.statistics.as_ref()
     }

@@ -28,11 +28,11 @@ with_defaults! {
     #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct RefineConfig {
-        /// Steps up the gradient; each flies all episodes once more.
+        /// Steps up the gradient; each flies all episodes once more. 1 to 65 536; default 200.
         pub iterations: usize = 200,
-        /// First learning rate of Adam, of actions whose range is [−1, 1]; it falls to a tenth.
+        /// First learning rate of Adam, of actions whose range is [−1, 1]; it falls to a tenth. > 0; default 0.01.
         pub learning_rate: f64 = 0.01,
-        /// Largest norm, per environment, of the gradient that is carried back.
+        /// Largest norm, per environment, of the gradient that is carried back. > 0, infinite for none; default 100.
         pub adjoint_clip: f32 = 100.0,
     }
 }
@@ -57,11 +57,11 @@ impl RefineConfig {
 pub struct Refined {
     /// Steps up the gradient.
     pub iterations: usize,
-    /// As the policy flew.
+    /// Returns as the policy flew, `[E]`.
     pub flown: Vec<f64>,
-    /// Of the best flight that was found.
+    /// Returns of the best flight that was found, `[E]`.
     pub best: Vec<f64>,
-    /// Whether that flight was a success.
+    /// Whether that flight was a success, `[E]`.
     pub success: Vec<bool>,
 }
 
@@ -77,7 +77,7 @@ impl Refined {
         self.success.iter().filter(|reached| **reached).count() as f64 / self.success.len() as f64
     }
 
-    /// How much of the mean of the best flights the policy's own mean is; none where one of them is negative or both are 0.
+    /// The policy's own mean over the mean of the best flights; none where one of them is negative or both are 0.
     pub fn share(&self) -> Option<f64> {
         let (flown, best) = self.means();
         (flown >= 0.0 && best > 0.0).then(|| flown / best)

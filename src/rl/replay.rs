@@ -22,18 +22,19 @@ with_defaults! {
     #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct ReplayConfig {
-        /// Steps of environments that are kept.
+        /// Steps of environments that are kept. 2 to 2²⁸; default 200 000.
         pub capacity: usize = 200_000,
-        /// Steps that are flown before the first is learnt from, with actions drawn evenly.
+        /// Steps that are flown before the first is learnt from, with actions drawn evenly. Below `capacity`; default 4000.
         pub learning_starts: usize = 4000,
         /// n over the run, rounded: steps whose rewards a target adds up before it asks for a value. Many tell soon what follows, but
         /// of what was done then, noise and all; few are as exact as the value that they ask for (Schwarzer et al. 2023, section 3).
+        /// 1 to 64; default 1.
         pub n_step: Schedule = Schedule::constant(1.0),
-        /// α: a row is drawn as often as its last error to this power; 0 for all alike (Schaul et al. 2016).
+        /// α: a row is drawn as often as its last error to this power; 0 for all alike (Schaul et al. 2016). Within [0, 1]; default 0.
         pub priority: f64 = 0.0,
-        /// β of the weights that make up for it, rising to 1 over the run.
+        /// β of the weights that make up for it, rising to 1 over the run. Within [0, 1]; default 0.4.
         pub beta: f64 = 0.4,
-        /// How images and lidars are kept: `f32`, or `u8` in a quarter of the memory.
+        /// How images and lidars are kept: `f32`, or `u8` in a quarter of the memory. Default `f32`.
         pub images: Precision = Precision::F32,
     }
 }

@@ -25,11 +25,11 @@ with_defaults! {
     #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct Entropy {
-        /// H̄ for each number of an action, nats: −1 leaves a deviation of about 0.09, e^H̄/√(2πe).
+        /// H̄ for each number of an action, nats: −1 leaves a deviation of about 0.09, e^H̄/√(2πe). Default −1.
         pub target: f64 = -1.0,
-        /// First α.
+        /// α at the start, the weight of entropy against reward. Default 0.1.
         pub temperature: f64 = 0.1,
-        /// Learning rate of ln α; 0 leaves it as it is.
+        /// Learning rate of ln α; 0 leaves it as it is. ≥ 0; default 1e-3.
         pub learning_rate: f64 = 1e-3,
     }
 }
@@ -81,7 +81,7 @@ pub struct Temperature {
 }
 
 impl Temperature {
-    /// α.
+    /// α, at present.
     pub fn alpha(&self) -> f64 {
         self.log_alpha.exp()
     }

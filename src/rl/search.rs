@@ -31,29 +31,29 @@ pub struct Search {
     pub candidates: Vec<(String, TrainConfig)>,
     /// Every candidate trains with each.
     pub seeds: Vec<u64>,
-    /// η: of so many one goes on.
+    /// η, at least 2: of so many candidates one goes on to the next rung.
     pub factor: usize,
 }
 
 /// How well a run did on a rung.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Score {
-    /// Share of successes.
+    /// Share of evaluated episodes that were a success.
     pub success: f64,
-    /// Mean return over the largest.
+    /// Mean return over the largest, [`Evaluation::share_of_bound`](tasks::Evaluation::share_of_bound).
     pub share_of_bound: f64,
 }
 
 /// A candidate on a rung.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Trial {
-    /// Its place.
+    /// Its place in [`Search::candidates`].
     pub candidate: usize,
     /// From 0 on.
     pub rung: usize,
     /// Updates done by then.
     pub updates: u64,
-    /// Of every seed; none where it failed, which counts as no success.
+    /// Score of every seed; none where it failed, which counts as no success.
     pub scores: Vec<Option<Score>>,
 }
 
@@ -109,7 +109,10 @@ impl Search {
         rungs
     }
 
-    /// Updates of a candidate by the end of a rung.
+    /// Updates of a candidate by the end of a rung, ⌈N η^−(rungs − 1 − rung)⌉ of the N of its run.
+    ///
+    /// # Panics
+    /// If there is no such candidate or rung.
     pub fn updates(&self, candidate: usize, rung: usize) -> u64 {
         let whole = self.candidates[candidate].1.updates();
         let behind = (self.rungs() - 1 - rung) as i32;
@@ -119,9 +122,9 @@ impl Search {
     /// Trains, or goes on where a search in `folder` was stopped. `watch` sees every update: candidate, seed, progress.
     ///
     /// # Errors
-    /// [`Error::Value`] for no candidate, no seed, a factor below 2, a folder with another search or with runs of which no search
-    /// tells, and if every run of the last rung failed; [`Error::File`] if the disk refuses. Runs that fail beside others are told
-    /// in the result.
+    /// [`Error::Value`] for no candidate, no seed, a factor below 2, a folder with another search or with runs that no search lists,
+    /// and if every run of the last rung failed; [`Error::File`] if the disk refuses. Runs that fail beside others stand in
+    /// [`SearchResult::failures`].
     pub fn run(
         &self,
         folder: &Path,
@@ -300,10 +303,10 @@ const MAX_CANDIDATES: usize = 1000;
 /// A run of a search that failed: its candidate, its seed, and why.
 pub type Failure = (usize, u64, String);
 
-/// A search as its folder tells it: what was asked, and what is known.
+/// A search as its folder holds it: what was asked, the trials so far, and what failed.
 ///
 /// # Errors
-/// [`Error::File`], [`Error::Limit`] and [`Error::Format`] for a file that cannot be read, or tells what cannot be.
+/// [`Error::File`], [`Error::Limit`] and [`Error::Format`] for a file that cannot be read, or whose content contradicts itself.
 pub fn read_search(folder: &Path) -> Result<(Search, Vec<Trial>, Vec<Failure>)> {
     let path = folder.join(FILE);
     let known = read(&path)?;

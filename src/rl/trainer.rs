@@ -144,7 +144,7 @@ pub struct RunProgress<'a> {
     pub seconds: f64,
     /// Share of each phase in the time of training.
     pub phases: Vec<(&'static str, f64)>,
-    /// What the update said.
+    /// Figures of the update.
     pub last: &'a Update,
     /// The newest line of the log, and whether it is of this update.
     pub line: Option<(&'a Line, bool)>,
@@ -314,7 +314,7 @@ impl Trainer {
         self.done() >= self.budget()
     }
 
-    /// The settings.
+    /// Settings of the run.
     pub fn config(&self) -> &TrainConfig {
         &self.config
     }
@@ -329,13 +329,13 @@ impl Trainer {
         self.files.as_ref().map_or(&[], |files| &files.skipped)
     }
 
-    /// Folders of old checkpoints that were to be removed and stay, since files of others are in them.
+    /// Folders of old checkpoints that were to be removed and stay, since they hold files that this crate did not write.
     pub fn spared(&self) -> impl Iterator<Item = &Path> {
         self.files.iter().flat_map(|files| files.writer.spared())
     }
 
-    /// What sets a run that goes on apart from one that was never stopped: on a processor of another kind sums are rounded
-    /// elsewhere, and the bits are others.
+    /// Why a resumed run differs in its last bits from one that was never stopped: a processor of another kind rounds sums elsewhere.
+    /// `None` where it does not differ.
     pub fn differs(&self) -> Option<String> {
         let then = self.other_instructions.as_ref()?;
         Some(format!(

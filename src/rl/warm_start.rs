@@ -13,7 +13,8 @@ use tasks::{Env, ObservationTransform, Spec, Statistics};
 /// What a learner begins with.
 #[derive(Debug, Clone)]
 pub struct WarmStart {
-    /// Of the network, of one agent's after the other where each has its own; how far the new policy explores is its own affair.
+    /// Parameters of the network, one agent's after the other where each has its own; without those of the head that say how far the
+    /// policy explores.
     pub parameters: Vec<f32>,
     /// Of a stage `normalise`, where the policy was trained behind one.
     pub statistics: Option<Statistics>,
@@ -85,7 +86,7 @@ impl WarmStart {
     /// things than the policy's, as long as it gives as many numbers. All else sees the same.
     ///
     /// # Errors
-    /// As there; [`Error::Value`] for networks without encoders, and unless all but the last one is alike.
+    /// As [`WarmStart::new`]; [`Error::Value`] for networks without encoders, and unless all but the last one is alike.
     pub fn but_for_the_last_encoder(
         policy: &Policy,
         of: &Spec,

@@ -10,13 +10,13 @@ with_defaults! {
     #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct AdamConfig {
-        /// β₁, of the mean.
+        /// β₁, of the mean. Within [0, 1); default 0.9.
         pub beta1: f64 = 0.9,
-        /// β₂, of the mean square.
+        /// β₂, of the mean square. Within [0, 1); default 0.999.
         pub beta2: f64 = 0.999,
-        /// ε, under the root's result.
+        /// ε, under the root's result. > 0; default 1e-8.
         pub epsilon: f64 = 1e-8,
-        /// λ, decay of weights per step and learning rate.
+        /// λ, decay of weights per step and learning rate. ≥ 0; default 0.
         pub weight_decay: f64 = 0.0,
     }
 }

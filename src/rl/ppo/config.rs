@@ -34,53 +34,53 @@ with_defaults! {
     #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct PpoConfig {
-        /// Environments, E.
+        /// Environments, E. 1 to 2²⁴; default 512.
         pub n_env: usize = 512,
-        /// Environments of a shard: one thread steps it for a whole rollout.
+        /// Environments of a shard: one thread steps it for a whole rollout. Default 256.
         pub shard: usize = 256,
-        /// T, steps of a rollout.
+        /// T, steps of a rollout. 1 to 65 536; default 64.
         pub steps: usize = 64,
-        /// Updates of a run.
+        /// Updates of a run. Default 220.
         pub updates: u64 = 220,
-        /// Passes over a rollout.
+        /// Passes over a rollout. 1 to 1024; default 4.
         pub epochs: usize = 4,
-        /// Minibatches of a pass.
+        /// Minibatches of a pass. 1 to 65 536; default 16.
         pub minibatches: usize = 16,
-        /// Learning rate of the actor over the run.
+        /// Learning rate of the actor over the run. Default a cosine from 1e-3 to 1e-5.
         pub learning_rate: Schedule = Schedule::cosine(1e-3, 1e-5),
-        /// Learning rate of the critic over the run.
+        /// Learning rate of the critic over the run. Default a cosine from 2e-3 to 1e-4.
         pub critic_learning_rate: Schedule = Schedule::cosine(2e-3, 1e-4),
-        /// KL divergence that the actor's rate follows, over the run; in files 0 for none.
+        /// KL divergence that the actor's rate follows, over the run; in files 0 for none. Default none.
         #[serde(with = "none_is_zero")]
         pub target_kl: Option<Schedule> = None,
-        /// Mean KL divergence of a pass behind which no other follows; in files 0 for none.
+        /// Mean KL divergence of a pass behind which no other follows; in files 0 for none. Default none.
         #[serde(with = "none_is_zero")]
         pub stop_kl: Option<f64> = None,
-        /// γ.
+        /// γ, discount per step. Within [0, 1]; default 0.985.
         pub discount: f64 = 0.985,
-        /// λ of advantages and of the critic's targets, over the run.
+        /// λ of advantages and of the critic's targets, over the run. Within [0, 1]; default 0.98.
         pub lambda: Schedule = Schedule::constant(0.98),
-        /// ε.
+        /// ε, how far the ratio π/π_old counts: within 1 ± ε. > 0; default 0.2.
         pub clip_epsilon: f64 = 0.2,
-        /// β, over the run.
+        /// β, weight of the policy's entropy, over the run. Default a cosine from 5e-3 to 1e-3.
         pub entropy: Schedule = Schedule::cosine(5e-3, 1e-3),
-        /// Largest norm of the gradients of actor and critic.
+        /// Largest norm of the gradients of actor and critic. > 0; default 1.
         pub max_grad_norm: f64 = 1.0,
-        /// Errors of the critic beyond it count linearly, in standard deviations of the targets.
+        /// Errors of the critic beyond it count linearly, in standard deviations of the targets. > 0; default 10.
         pub huber: f64 = 10.0,
-        /// What an update leaves of the statistics of the targets.
+        /// What an update leaves of the statistics of the targets. Within [0, 1); default 0.995.
         pub value_beta: f64 = 0.995,
-        /// First log standard deviation of continuous actions.
+        /// First log standard deviation of continuous actions. Within [−5, 2]; default −0.5.
         pub log_std: f64 = -0.5,
-        /// Whether observations are normalised by their running mean and deviation, frozen during a rollout.
+        /// Whether observations are normalised by their running mean and deviation, frozen during a rollout. Default true.
         pub normalise_observation: bool = true,
-        /// Whose policy agents of a team fly, and how they learn it: `shared`, `separate` or `sequential`.
+        /// Whose policy agents of a team fly, and how they learn it: `shared`, `separate` or `sequential`. Default `shared`.
         pub team: Team = Team::Shared,
-        /// Whether the critic sees the central state where there is one.
+        /// Whether the critic sees the central state where there is one. Default true.
         pub central_critic: bool = true,
-        /// Whether the critic sees the numbers that differ between environments, where there are any: it is not flown.
+        /// Whether the critic sees the numbers that differ between environments, where there are any: it is not flown. Default true.
         pub privileged_critic: bool = true,
-        /// The optimiser of both.
+        /// The optimiser of both. Default ε = 1e-5.
         pub adam: AdamConfig = AdamConfig { epsilon: 1e-5, ..AdamConfig::default() },
         /// The policy.
         pub network: Layers = Layers::elu(0.01),

@@ -17,51 +17,52 @@ with_defaults! {
     #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct ShacConfig {
-        /// Environments, E.
+        /// Environments, E. 1 to 2²⁴; default 128.
         pub n_env: usize = 128,
-        /// Environments of a shard: one thread steps it for a whole window.
+        /// Environments of a shard: one thread steps it for a whole window. Default 64.
         pub shard: usize = 64,
-        /// H, steps.
+        /// H, steps of a window. 1 to 65 536; default 32.
         pub horizon: usize = 32,
-        /// Updates of a run.
+        /// Updates of a run. Default 750.
         pub updates: u64 = 750,
-        /// γ.
+        /// γ, discount per step. Within [0, 1); default 0.97.
         pub discount: f64 = 0.97,
-        /// λ of the critic's targets.
+        /// λ of the critic's targets. Within [0, 1]; default 0.95.
         pub lambda: f64 = 0.95,
-        /// Share of the run over which w rises from 0 to 1.
+        /// Share of the run over which the weight w of the critic's value in the actor's cost rises from 0 to 1. Within [0, 1]; default 0.5.
         pub ramp: f64 = 0.5,
-        /// Learning rate of the actor over the run.
+        /// Learning rate of the actor over the run. Default a cosine from 0.01 to 1e-4.
         pub learning_rate: Schedule = Schedule::cosine(0.01, 1e-4),
-        /// Learning rate of the critic over the run.
+        /// Learning rate of the critic over the run. Default a cosine from 0.002 to 1e-4.
         pub critic_learning_rate: Schedule = Schedule::cosine(0.002, 1e-4),
-        /// Largest norm of the actor's gradient.
+        /// Largest norm of the actor's gradient. > 0; default 0.2.
         pub max_grad_norm: f64 = 0.2,
-        /// Largest norm of the critic's gradient.
+        /// Largest norm of the critic's gradient. > 0; default 1.
         pub critic_max_grad_norm: f64 = 1.0,
-        /// Errors of the critic beyond it count linearly, in units of the cost of a step (Huber 1964).
+        /// Errors of the critic beyond it count linearly, in units of the cost of a step (Huber 1964). > 0; default 5.
         pub huber: f64 = 5.0,
-        /// Whether the critic sees the numbers that differ between environments, where there are any: it is not flown.
+        /// Whether the critic sees the numbers that differ between environments, where there are any: it is not flown. Default true.
         pub privileged_critic: bool = true,
-        /// Passes of the critic over a window's experience.
+        /// Passes of the critic over a window's experience. 1 to 1024; default 2.
         pub critic_epochs: usize = 2,
-        /// Minibatches of a pass.
+        /// Minibatches of a pass. 1 to 1024; default 4.
         pub minibatches: usize = 4,
-        /// Share of the critic's old copy that stays in an update: 0.2 replaces four fifths of it.
+        /// Share of the critic's old copy that stays in an update: 0.2 replaces four fifths of it. Within [0, 1]; default 0.2.
         pub polyak: f32 = 0.2,
-        /// Factor per step on the gradient that is carried back; 1 is exact.
+        /// Factor per step on the gradient that is carried back; 1 is exact. > 0; default 1.
         pub decay: f32 = 1.0,
         /// Largest norm, per environment, of the gradient that is carried back, where a step's cost weighs 1: what tumbles
-        /// would drown all others. Infinite for none.
+        /// would drown all others. Infinite for none. Default infinite.
         pub adjoint_clip: f32 = f32::INFINITY,
         /// Largest norm, per environment and step, of the gradient of its actions, where a step's cost weighs 1: one that explodes
-        /// would turn the update of all. Infinite for none.
+        /// would turn the update of all. Infinite for none. Default infinite.
         pub action_clip: f32 = f32::INFINITY,
-        /// What is minimised.
+        /// What is minimised. Default the task's loss.
         pub objective: TrainingObjective = TrainingObjective::Loss,
         /// Share of hidden tanh units beyond ±0.99 at which the run begins again at half the rate, up to six times; 1 for never.
+        /// > 0; default 0.25.
         pub saturation: f64 = 0.25,
-        /// The optimiser of both.
+        /// The optimiser of both. Default β₂ = 0.99.
         pub adam: AdamConfig = AdamConfig { beta2: 0.99, ..AdamConfig::default() },
         /// The policy.
         pub network: Layers = Layers::default(),
