@@ -19,7 +19,8 @@ with_defaults! {
     pub struct ActionScale {
         /// Offset of the target from the present position in position mode, per axis, m; (0, 1000]. Default 1.
         pub position: f64 = 1.0,
-        /// Velocity per axis, m/s; (0, 1000]. Default 1, as in the paper; the path of Track runs at up to 3.5 m/s, beyond what that commands.
+        /// Velocity per axis, m/s; (0, 1000]. Default 1, as in the paper; the path of Track runs at up to 3.5 m/s, beyond what that
+        /// commands.
         pub velocity: f64 = 1.0,
         /// Yaw in velocity and position mode, rad; (0, 1000]. Default π, as in the paper.
         pub yaw: f64 = PI,

@@ -244,8 +244,8 @@ impl<const R: usize> CascadeModel<f64, R> {
     /// Likewise, with given limits.
     ///
     /// # Errors
-    /// [`Error::Value`] for axes that its rotors do not turn apart, for less than 1.05 of the weight in thrust or in lift without a moment, and for a vehicle, gains or
-    /// limits that are not valid.
+    /// [`Error::Value`] for axes that its rotors do not turn apart, for less than 1.05 of the weight in thrust or in lift without a
+    /// moment, and for a vehicle, gains or limits that are not valid.
     pub fn with_limits(vehicle: &Vehicle, gains: &Gains, limits: &CommandLimits) -> Result<Self> {
         vehicle.validate()?;
         vehicle.check_steerable()?;

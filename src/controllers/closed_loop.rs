@@ -177,8 +177,8 @@ impl<C: Controller> ClosedLoop<C> {
         self.run.sensors.as_ref().map(|(sensors, _)| sensors)
     }
 
-    /// Rotors that fail on the way; the controller is told so much later, s. Of [`advance`](Self::advance) alone: as a
-    /// [`System`] the loop stays whole.
+    /// Rotors that fail on the way; the controller learns of it `detection_delay` (s, [0, 1000]) later. Of [`advance`](Self::advance)
+    /// alone: as a [`System`] the loop stays whole.
     ///
     /// # Errors
     /// As [`RotorFailure::validate`]; [`Error::Value`] for a delay that is negative or beyond 1000 s.
@@ -235,7 +235,7 @@ impl<C: Controller> ClosedLoop<C> {
     /// One step from a state of the plant; `next` gets the state after it.
     ///
     /// # Errors
-    /// What the controller says when it is told of a failure.
+    /// As [`Controller::tell`], where a rotor fails.
     ///
     /// # Panics
     /// If `state` or `next` are not of the plant's length, or an injection is neither empty nor of its own.

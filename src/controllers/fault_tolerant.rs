@@ -49,7 +49,7 @@ pub(crate) const PRIORITIES: [f64; WRENCH] = [1e-4, 1e-4, 1.0, 10.0, 10.0, 1e-3]
 /// Largest tilt of the wanted thrust with a failure, rad: less lift, less haste.
 const TILT: f64 = 0.6;
 
-/// A [`Cascade`](super::Cascade) that can be told which rotors failed.
+/// A [`Cascade`](super::Cascade) that flies on with what is left once [`tell`](Self::tell) names the failed rotors.
 pub struct FaultTolerant {
     vehicle: Vehicle,
     model: CascadeModel<f64, MAX_ROTORS>,
@@ -147,12 +147,12 @@ impl FaultTolerant {
         Ok(())
     }
 
-    /// What is left of the vehicle, as last told; `None` while whole.
+    /// What is left of the vehicle by the last [`tell`](Self::tell); `None` while whole.
     pub fn assessment(&self) -> Option<&Assessment> {
         self.broken.as_ref().map(|b| &b.assessment)
     }
 
-    /// Who solved the allocations since it was told.
+    /// Who solved the allocations since the last [`tell`](Self::tell); `None` while whole.
     pub fn counts(&self) -> Option<Counts> {
         self.broken.as_ref().map(|b| b.allocator.counts())
     }

@@ -82,7 +82,8 @@ pub struct Flight {
     /// When the plant's state left |x| < 1e8 (SI units, as in a [`World`](dynamics::World)) or became not a
     /// number, s; `None` for a whole flight.
     pub diverged_at: Option<f64>,
-    /// Where to take derivatives, [beside kinks](SmoothPoint::beside_kinks); in a flight with failures or latency nowhere (its margin is negative).
+    /// Where to take derivatives, [beside kinks](SmoothPoint::beside_kinks); in a flight with failures or latency nowhere (its margin is
+    /// negative).
     pub smoothest: SmoothPoint,
 }
 
@@ -230,11 +231,11 @@ fn check_memory(plan: &FlightPlan, n_step: u64, plant: &Plant) -> Result<()> {
     request.check(|limit| format!("{:.0} s", plan.duration * limit as f64 / bytes as f64))
 }
 
-/// Flies a plant under a controller along the plan, from rest on its reference. `progress` is told the number of each
+/// Flies a plant under a controller along the plan, from rest on its reference. `progress` is called with the number of each
 /// finished step.
 ///
 /// A flight that diverges ends there; the log holds what came before. Where rotors fail, the plant loses them with the
-/// lag of their motors, and the controller is told after the plan's delay.
+/// lag of their motors, and the controller learns of it after the plan's delay.
 ///
 /// # Errors
 /// [`Error::Value`] or [`Error::Limit`] if the plan is not valid, or not for this plant and this controller: other physics

@@ -2,7 +2,8 @@
 //!
 //! **Ground.** Most flights are simulated in free air, so that nothing stops them at the ground: it is judged afterwards. The
 //! height h of a flight is that of its lowest point (shapes and rotor discs of all bodies; their origins where there are neither)
-//! above the ground: z = 0, or what the model says, with hills above them; a model without a ground has none. h_r is the height at which the same body would
+//! above the ground: z = 0, or what the model says, with hills above them; a model without a ground has none. h_r is the height at which
+//! the same body would
 //! be on its reference, level: the start's own, raised as the reference is. A flight fails where h < min(0, h_r) − [`GRAZE`].
 //! So a reference that brings a vehicle as low as it stands, or begins there, is flown with its feet on the ground, wherever
 //! its origin is. Where contact is simulated the ground stops what falls on it, so that any touch counts unless the reference
@@ -10,7 +11,8 @@
 //!
 //! A reference may go below the ground itself: that of a vehicle does where z < 0, that of several bodies where h_r < −`GRAZE`.
 //!
-//! **Turned over** is a load, a body without rotors that carries the others or hangs last, that was upright at first and then leans by more than a right angle from
+//! **Turned over** is a load, a body without rotors that carries the others or hangs last, that was upright at first and then leans by
+//! more than a right angle from
 //! upright, or from the roll and pitch that were asked of it: it hangs above what carries it, and nothing stays on it.
 
 pub use super::collision_parts::{lowest_point, nearest_still};

@@ -9,7 +9,8 @@
 //! ```
 //!
 //! Position and velocity are taken in the frame of the reference's heading. Far errors are cut at what [`HoverWeights::reach`]
-//! allows, and z waits while a rotor is at a limit or the position is far (a third of the reach), so that it does not wind up. The rotor speeds are measured.
+//! allows, and z waits while a rotor is at a limit or the position is far (a third of the reach), so that it does not wind up. The rotor
+//! speeds are measured.
 
 use super::cascade::{CascadeModel, RateDivisors, Rates};
 use super::design::{ErrorState, Regulator, TrimTarget, bryson, lqi_of, lqr_of, trim};

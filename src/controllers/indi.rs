@@ -131,8 +131,8 @@ impl IndiLaw {
     /// For the vehicle it believes to fly.
     ///
     /// # Errors
-    /// [`Error::Value`](base::error::Error::Value) if vehicle or gains are not valid, a rate does not divide 1/dt, or the rotors do not turn
-    /// thrust, roll, pitch and yaw apart.
+    /// [`Error::Value`](base::error::Error::Value) if vehicle or gains are not valid, a rate does not divide 1/dt, or the rotors do not
+    /// turn thrust, roll, pitch and yaw apart.
     pub fn new(believed: &Vehicle, physics: &Physics, gains: &Gains, rates: &Rates) -> Result<Self> {
         let vehicle = super::cascade_law::with_drag_of(believed, physics.effects);
         vehicle.validate()?;

@@ -114,7 +114,8 @@ pub struct BodyModel<S> {
 
 impl BodyModel<f64> {
     /// Mass and inertia from the parts; drag linearised at hover: D = D₁ + Σ Ω_h (k_d (I − nnᵀ) + k_z nnᵀ), its
-    /// diagonal; the moment of the rotors' part is C = Σ [r − c]× Ω_h (k_d (I − nnᵀ) + k_z nnᵀ). Ω_h is the speed at which the rotors, at equal shares of their largest thrust, carry the weight.
+    /// diagonal; the moment of the rotors' part is C = Σ [r − c]× Ω_h (k_d (I − nnᵀ) + k_z nnᵀ). Ω_h is the speed at which the rotors, at
+    /// equal shares of their largest thrust, carry the weight.
     pub fn of(vehicle: &Vehicle) -> Self {
         let total = vehicle.mass_properties();
         let mut drag = vehicle.drag.linear;

@@ -230,12 +230,12 @@ impl PlatformController {
         self.run(state, input, |law, own| law.attitude(own, force, tilt));
     }
 
-    /// Enters with a wrench about the centre of mass of all, axes of the frame.
+    /// Enters with a wrench (N, N m) about the centre of mass of all, axes of the frame.
     pub fn wrench(&mut self, state: &[f64], wrench: &Wrench<f64>, input: &mut [f64]) {
         self.run(state, input, |_, _| *wrench);
     }
 
-    /// A command whose acceleration is as much ahead as forces turn late.
+    /// A command whose acceleration is ahead by the delay t with which forces turn: a + j t + ½ s t².
     pub fn early(&self, command: &VelocityCommand<f64>) -> VelocityCommand<f64> {
         let t = self.drones.iter().fold(0.0_f64, |most, d| most.max(d.delay()));
         let acceleration = axpy(axpy(command.acceleration, t, command.jerk), 0.5 * t * t, command.snap);

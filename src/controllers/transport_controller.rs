@@ -219,7 +219,7 @@ impl TransportController {
         &self.allocation
     }
 
-    /// c, and bandwidth of the slowest drone, rad/s.
+    /// Pace c, with the poles of a bar those of s⁴ + 10 s³ + 45 s² + 105 s + 105 in s/c, and bandwidth of the slowest drone, rad/s.
     pub fn bandwidths(&self) -> [f64; 2] {
         [self.pace, self.pace * SEPARATION]
     }
@@ -236,7 +236,7 @@ impl TransportController {
         self.run(state, ahead, input, |law, own| law.position(own, sample, tilt));
     }
 
-    /// Enters with a velocity and an orientation.
+    /// Enters with a velocity (its yaw plays no part) and an orientation.
     pub fn velocity(
         &mut self,
         state: &[f64],
@@ -253,7 +253,7 @@ impl TransportController {
         self.run(state, STILL, input, |law, own| law.attitude(own, force, tilt));
     }
 
-    /// Enters with a wrench on the load about its centre of mass, axes of the load.
+    /// Enters with a wrench (N, N m) on the load about its centre of mass, axes of the load.
     pub fn wrench(&mut self, state: &[f64], wrench: &Wrench<f64>, input: &mut [f64]) {
         self.run(state, STILL, input, |_, _| *wrench);
     }

@@ -25,7 +25,8 @@
 //! passes through the [inverse dynamics](dynamics::tree::inverse_dynamics) of the tree: gyroscopic moments of
 //! rotors, drag, moving joints. The recoil of tilts that accelerate is left to feedback.
 //!
-//! **Bandwidths.** A servo of lag τ under k = 1/(2τ), with an integral of 10/k against loads, is a loop of damping 0.7; its tilts follow like a lag of 1/k. Where
+//! **Bandwidths.** A servo of lag τ under k = 1/(2τ), with an integral of 10/k against loads, is a loop of damping 0.7; its tilts follow
+//! like a lag of 1/k. Where
 //! thrusters are a large share of the inertia, a tilt turns the carrier the other way (on the straight Dragon four fifths of
 //! it), and the rotors must first undo that: k ≤ ω_m/share, ω_m = 1/(4τ) of the motors. Pose loops are placed (ζ = 1, K_R = J ω² at
 //! the inertia of the present shape) at ω = k/4, as `gains` places them at a quarter of the motors'

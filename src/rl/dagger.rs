@@ -7,13 +7,13 @@
 //!
 //! With β = 1 throughout this is behaviour cloning; with β falling to 0 the policy learns to mend its own mistakes.
 //!
-//! The teacher is our controller of the task ([`Baseline`](tasks::Baseline)), which sees the true state and masses, or the policy of another run
-//! ([`DaggerConfig::teacher`]), which may see what the student does not: noise-free or privileged observations, where the
+//! The teacher is our controller of the task ([`Baseline`](tasks::Baseline)), which sees the true state and masses, or the policy of
+//! another run ([`DaggerConfig::teacher`]), which may see what the student does not: noise-free or privileged observations, where the
 //! student has a history. It then flies in a twin of every environment, which takes the same actions and shows what the
 //! teacher was trained to see (Chen et al. 2020; Lee et al. 2020).
 //!
-//! Rapid motor adaptation (`rma`; Kumar, Fu, Pathak and Malik 2021) imitates less: [`ImitationTarget::Latent`]. The teacher is the policy that
-//! the run begins from, π(o, μ(θ)), whose last encoder μ reads the physical numbers θ. The student is π(o, φ(past)) with the same π,
+//! Rapid motor adaptation (`rma`; Kumar, Fu, Pathak and Malik 2021) imitates less: [`ImitationTarget::Latent`]. The teacher is the policy
+//! that the run begins from, π(o, μ(θ)), whose last encoder μ reads the physical numbers θ. The student is π(o, φ(past)) with the same π,
 //! which stays as it is; its last encoder φ reads what came before, flies itself, and descends ½ ‖φ(past) − μ(θ)‖².
 
 mod config;

@@ -17,7 +17,8 @@ use toml::Table;
 pub type Make<'a> = dyn Fn(&EnvConfig) -> Result<Env> + 'a;
 
 /// A way to learn, with its settings: a struct that also derives `Debug`, `Clone`, `Default`, `Serialize` and
-/// `Deserialize`, the last with `#[serde(deny_unknown_fields, default)]`. [`register`](super::algorithm::register) makes it known by its name.
+/// `Deserialize`, the last with `#[serde(deny_unknown_fields, default)]`. [`register`](super::algorithm::register) makes it known by its
+/// name.
 pub trait Algorithm: Plain + Send + Sync {
     /// In files, options and folders; the name of its table.
     fn name(&self) -> &'static str;

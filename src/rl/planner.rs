@@ -90,7 +90,7 @@ impl Planner {
     /// # Errors
     /// As [`PlannerConfig::validate`], [`Env::tape`] and [`Env::adjoint`]; [`Error::Limit`] for plans beyond
     /// [`EnvConfig::memory_limit`](tasks::EnvConfig::memory_limit); [`Error::Value`] for environments that restart by
-    /// themselves or do not tell losses and reasons.
+    /// themselves or do not report losses and reasons.
     pub fn new(twin: Env, config: PlannerConfig) -> Result<Self> {
         config.validate()?;
         let spec = twin.spec();

@@ -7,8 +7,8 @@
 //! with all that is random in the episode known in advance. It is cut where it explodes ([`RefineConfig::adjoint_clip`]), and
 //! silent about what readings of sensors without a gradient and an earlier end of the episode change.
 //!
-//! The policy stays in the loop: it catches what an offset disturbs, so that gradients stay tame over hundreds of steps, where those of bare actions explode. The best flight of every episode
-//! is kept; so no return is below the policy's own.
+//! The policy stays in the loop: it catches what an offset disturbs, so that gradients stay tame over hundreds of steps, where those of
+//! bare actions explode. The best flight of every episode is kept; so no return is below the policy's own.
 //!
 //! What is found is in reach of one who knows the future, a local optimum: a mark from below for the best return there is, and
 //! for a policy, which knows less, a mark from above in all but name.
@@ -85,12 +85,12 @@ impl Refined {
 }
 
 /// Refines the flight of `policy` in the next episode of every environment of `env`, the first of one that is new
-/// ([`eval_env`](super::eval_env)); `watch` is told how many flights are done.
+/// ([`eval_env`](super::eval_env)); `watch` is called with the number of flights done.
 ///
 /// # Errors
 /// As [`RefineConfig::validate`], [`Policy::fits`], [`Env::adjoint`] and [`Env::tape`]; [`Error::Value`] for a policy with a
-/// memory or of a network for each agent and for environments that restart by themselves or do not tell successes; [`Error::Limit`] for episodes beyond
-/// [`EnvConfig::memory_limit`](tasks::EnvConfig::memory_limit).
+/// memory or of a network for each agent and for environments that restart by themselves or do not report successes; [`Error::Limit`] for
+/// episodes beyond [`EnvConfig::memory_limit`](tasks::EnvConfig::memory_limit).
 pub fn refine(
     policy: &Policy,
     env: &mut Env,

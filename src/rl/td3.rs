@@ -25,7 +25,8 @@ with_defaults! {
     #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct ActionNoise {
-        /// Least and largest standard deviation σ of the noise on flown actions; environments lie evenly between them. Each within [0, 10]; default 0.05 and 0.3.
+        /// Least and largest standard deviation σ of the noise on flown actions; environments lie evenly between them. Each
+        /// within [0, 10]; default 0.05 and 0.3.
         pub noise: [f64; 2] = [0.05, 0.3],
         /// σ of the noise on the action whose value a target takes. Within [0, 10]; default 0.2.
         pub target_noise: f64 = 0.2,

@@ -216,8 +216,8 @@ impl Trainer {
     /// none.
     ///
     /// # Errors
-    /// [`Error::Value`] for a folder with files of another kind, without `resume` if there is a run already, with it if that has other settings (number of
-    /// updates, logs, evaluations and checkpoints may differ) or is longer, and if another process writes there;
+    /// [`Error::Value`] for a folder with files of another kind, without `resume` if there is a run already, with it if that has other
+    /// settings (number of updates, logs, evaluations and checkpoints may differ) or is longer, and if another process writes there;
     /// [`Error::Format`] if no checkpoint is whole; [`Error::Limit`] if the disk has no room for what they keep; [`Error::File`] if it
     /// refuses.
     pub fn in_folder(mut self, folder: impl AsRef<Path>, resume: bool) -> Result<Self> {

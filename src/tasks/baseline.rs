@@ -1,8 +1,8 @@
 //! The controllers of the library as policies: what learners have to beat.
 //!
 //! Free drones are flown by a cascade each, all levels in every step; what is joined together by its
-//! [`default_controller`](controllers::registry::default_controller). All see the true state, the true masses of their episode (a free drone all its
-//! numbers) and what the task [tracks](super::Task::reference), and act on the rotors.
+//! [`default_controller`](controllers::registry::default_controller). All see the true state, the true masses of their episode (a free
+//! drone all its numbers) and what the task [tracks](super::Task::reference), and act on the rotors.
 
 use super::baseline_controllers::BaselineControllers;
 use super::env::{Buffers, Env};

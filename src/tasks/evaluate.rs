@@ -50,7 +50,8 @@ impl Evaluation {
     }
 }
 
-/// Where a share lies with 95 % confidence of which `hits` of `n` are known (Wilson 1927).
+/// 95 % confidence interval `[low, high]` of a share p after `hits` of `n`, p̂ = hits/n:
+/// (p̂ + z²/2n ± z √(p̂(1 − p̂)/n + z²/4n²))/(1 + z²/n), z = 1.96 (Wilson 1927); `[0, 1]` without a try.
 pub fn wilson(hits: usize, n: usize) -> [f64; 2] {
     const Z: f64 = 1.959_963_984_540_054;
     if n == 0 {

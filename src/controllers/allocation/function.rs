@@ -16,8 +16,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// u*(x), where x are all numbers of a [`Problem`] with its wrench, in the order of [`Variation::numbers`]: wrench 6,
 /// weights 6, ρ, geometry by columns, u_pref, lower, upper, then cone by cone, row by row, constant and coefficients.
 ///
-/// The derivative is that of [`Allocator::forward`] and [`Allocator::reverse`]. An answer that cannot be certified is NaN, and so is one whose cones have
-/// moved until the template's anchor is outside: choose the anchor with room. Every evaluation starts cold, so
+/// The derivative is that of [`Allocator::forward`] and [`Allocator::reverse`]. An answer that cannot be certified is NaN, and so is one
+/// whose cones have moved until the template's anchor is outside: choose the anchor with room. Every evaluation starts cold, so
 /// that equal arguments have equal answers. After warm-up an evaluation allocates nothing,
 /// unless it is left to clarabel: cones, or more inputs than the active set takes. Over blocks of environments that share all numbers but
 /// the wrench, eight answers are found side by side by machine code, which is made when enough were asked for; their bits are the same.

@@ -419,8 +419,8 @@ impl Problem {
     }
 
     /// Moves u to where every bound and cone holds exactly: clips it, then pulls it towards the clipped anchor (or, where
-    /// that is outside a cone, towards a point between `good` and the anchor) as little as bisection finds. Bounds that are out of order or NaN are left
-    /// out. Where neither point is inside, the clipped u remains; [`violation`](Self::violation) tells.
+    /// that is outside a cone, towards a point between `good` and the anchor) as little as bisection finds. Bounds that are out of order
+    /// or NaN are left out. Where neither point is inside, the clipped u remains; [`violation`](Self::violation) tells.
     pub fn repair(&self, u: &mut [f64], good: &[f64]) {
         self.clip(u);
         if !self.breaks_a_cone(u) || self.anchor.len() != u.len() {

@@ -14,8 +14,8 @@ use super::problem::{Cone, Problem, Scales, WRENCH};
 ///
 /// s_u and s_g are the [`Scales`] of inputs and gradients. Their sum over all inputs and cones bounds the distance of the
 /// objective to its optimum, in units of s_u s_g: it is the duality gap. Along directions that only ρ sees a small residual
-/// therefore leaves u itself open by up to √(2 gap/ρ); the active set and polished cones are exact there too. `gradient` is scratch of length n. NaN counts as
-/// infinite.
+/// therefore leaves u itself open by up to √(2 gap/ρ); the active set and polished cones are exact there too. `gradient` is scratch of
+/// length n. NaN counts as infinite.
 pub fn residual(
     problem: &Problem,
     wrench: &[f64; WRENCH],

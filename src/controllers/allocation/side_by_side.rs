@@ -1,8 +1,8 @@
 //! Answers of the fast paths for eight wrenches of one problem side by side: recorded once for a number of inputs, run as machine code.
 //!
 //! The lines of the [active set](super::active_set), of the closed form and of the certificate are those of the answers one by one, in
-//! the same order, so that the bits are theirs. A lane that is done stays as it is while its neighbours search on. What is not certified here
-//! is left to the allocator.
+//! the same order, so that the bits are theirs. A lane that is done stays as it is while its neighbours search on. What is not certified
+//! here is left to the allocator.
 
 use super::active_set::{BoxQp, FAR, Factor, Iterate, Tolerances};
 use super::fast::{Fast, MAX_FAST, MAX_STEPS};

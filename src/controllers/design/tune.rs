@@ -6,10 +6,10 @@
 //! 2015) descends on the root of the mean over the starts. The best gains on the training starts are kept; held-out
 //! starts judge, in `f64`.
 //!
-//! Without a [`MarginGate`](super::MarginGate) robustness is not part of the objective, and margins shrink while the error falls; they are measured
-//! before and after. With one, while the least disk margin over its corners is short of 1.06 times what is asked, the descent
-//! leaves out what lowers it and climbs it as well: its slope over ln K comes from differences at the corner that is worst, and the gains are the best of those
-//! that passed.
+//! Without a [`MarginGate`](super::MarginGate) robustness is not part of the objective, and margins shrink while the error falls; they
+//! are measured before and after. With one, while the least disk margin over its corners is short of 1.06 times what is asked, the descent
+//! leaves out what lowers it and climbs it as well: its slope over ln K comes from differences at the corner that is worst, and the gains
+//! are the best of those that passed.
 
 use super::gain_evaluation::evaluate_along;
 pub use super::gain_evaluation::{CRASH_DISTANCE, GainEvaluation, elsewhere, evaluate};

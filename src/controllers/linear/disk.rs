@@ -21,7 +21,8 @@ use std::f64::consts::TAU;
 /// What a loop, or all loops at once, bear.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct DiskMargin {
-    /// α; 0 for a loop that is not stable.
+    /// α: the loop bears every complex factor of the disk with the diameter [(2 − α)/(2 + α), (2 + α)/(2 − α)] (balanced, skew 0); 0 for
+    /// a loop that is not stable.
     pub alpha: f64,
     /// Where the smallest perturbation acts, rad/s; NaN for a loop that is not stable.
     pub omega: f64,
@@ -44,7 +45,7 @@ impl DiskMargin {
     }
 }
 
-/// The disk margin of one loop, closed with −1, of the given skew (0: balanced).
+/// The disk margin of one loop, closed with −1: α = 1/‖S + ½(σ − 1)‖∞, σ the `skew` (0: balanced).
 ///
 /// # Errors
 /// As [`margins`](super::margins()).
@@ -53,7 +54,7 @@ pub fn disk_margin(system: &StateSpace, skew: f64) -> Result<DiskMargin> {
     disk_margin_of(&sensitivity(system)?, &[0], skew, true)
 }
 
-/// The disk margin of all loops at once: L of as many inputs as outputs, closed with −I.
+/// The disk margin of all loops at once: L of as many inputs as outputs, closed with −I, a factor of its own in each.
 ///
 /// # Errors
 /// [`Error::Value`](base::error::Error::Value) for another shape, or where eigenvalues are not found.

@@ -43,7 +43,7 @@ pub struct Margins {
     pub modulus: f64,
 }
 
-/// The margins of `system`, one input and one output, closed with −1.
+/// The margins of L, `system` of one input and one output, closed with −1.
 ///
 /// # Errors
 /// [`Error::Value`](base::error::Error::Value) for more inputs or outputs, or where eigenvalues are not found.
@@ -88,7 +88,7 @@ pub fn margins(system: &StateSpace) -> Result<Margins> {
     })
 }
 
-/// S = (I + L)⁻¹: from what disturbs the outputs to the outputs.
+/// S = (I + L)⁻¹, L p × p: from what disturbs the outputs to the outputs.
 ///
 /// # Errors
 /// As [`StateSpace::feedback`].
@@ -96,7 +96,7 @@ pub fn sensitivity(system: &StateSpace) -> Result<StateSpace> {
     unit(system)?.feedback(system)
 }
 
-/// T = L (I + L)⁻¹: from a reference to the outputs.
+/// T = L (I + L)⁻¹, L p × p: from a reference to the outputs.
 ///
 /// # Errors
 /// As [`StateSpace::feedback`].

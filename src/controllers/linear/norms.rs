@@ -95,7 +95,8 @@ pub(super) fn top(value: &dyn Fn(f64) -> f64, (mut low, mut high): (f64, f64), n
     f64::midpoint(low, high)
 }
 
-/// ‖G‖₂: the root of the energy of all outputs after unit impulses; for a sampled system the root of the sum over samples.
+/// ‖G‖₂: the root of the energy of all outputs after unit impulses, √tr(Bᵀ X B) with Aᵀ X + X A + CᵀC = 0; for a sampled system the
+/// root of the sum over samples, √tr(Bᵀ X B + DᵀD) with X = Aᵀ X A + CᵀC.
 ///
 /// # Errors
 /// [`Error::Value`] for a system that is not stable, or continuous with a direct path.

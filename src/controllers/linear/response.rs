@@ -48,8 +48,8 @@ pub fn unwrapped(channel: &[Complex<f64>]) -> Vec<f64> {
     phases
 }
 
-/// Frequencies that show everything of a system: `n` in equal ratios from a decade below its slowest pole or zero to a decade
-/// above its fastest (to Nyquist for a sampled one), and more about the peak of each lightly damped pair.
+/// Frequencies (rad/s, ascending) that show everything of a system: `n` in equal ratios from a decade below its slowest pole or zero to a
+/// decade above its fastest (to Nyquist for a sampled one), and more about the peak of each lightly damped pair.
 ///
 /// # Errors
 /// [`Error::Value`] where eigenvalues are not found.
@@ -128,14 +128,14 @@ pub struct StepFigures {
     pub overshoot: f64,
     /// First the other way, as a share of the way; 0 where it does not.
     pub undershoot: f64,
-    /// The largest distance from the start, and when, s.
+    /// The value farthest from the start, and when, s.
     pub peak: (f64, f64),
 }
 
-/// Figures of a step from `from` to where `values` end.
+/// Figures of a step from the value `from` to where `values` end, at `times` (s), ascending, one per value.
 ///
 /// # Errors
-/// [`Error::Value`] for no values, as many times, or no way to go.
+/// [`Error::Value`] for no values, not as many times as values, or values that end where they started.
 pub fn step_figures(times: &[f64], values: &[f64], from: f64) -> Result<StepFigures> {
     let (Some(last), true) = (values.last().copied(), times.len() == values.len()) else {
         let got = format!("{} of {} times", values.len(), times.len());

@@ -102,7 +102,8 @@ fn check_gradients<E: Exploration>(task: &str, config: ActorCriticConfig<E>, alp
     assert!(critic < 2e-3 && actor < 5e-3, "{name} on {task}: {critic:e} {actor:e}");
 }
 
-/// Where no temperature moves, −Q + α ln π + c · mean square before tanh is what the actor goes down, and half the squared error what critics do.
+/// Where no temperature moves, −Q + α ln π + c · mean square before tanh is what the actor goes down, and half the squared error what
+/// critics do.
 #[test]
 fn gradients_of_actor_and_critics_are_those_of_differences_alone_and_in_teams() {
     let still = Entropy { temperature: 0.3, learning_rate: 0.0, ..Entropy::default() };

@@ -84,8 +84,8 @@ impl Gaussians {
         squares.map(|sum| self.most - 0.5 * sum)
     }
 
-    /// Writes ∂/∂output of Σ `weight` · log p as far as there are Gaussians, and adds ∂/∂extra of it and of `grad_entropy` · entropy to `d_extra`; of the
-    /// first `n` rows.
+    /// Writes ∂/∂output of Σ `weight` · log p as far as there are Gaussians, and adds ∂/∂extra of it and of `grad_entropy` · entropy to
+    /// `d_extra`; of the first `n` rows.
     pub fn gradient<'a>(
         &self,
         n: usize,

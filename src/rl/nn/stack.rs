@@ -61,8 +61,8 @@ impl Stack {
     /// for so many numbers in.
     ///
     /// # Errors
-    /// [`Error::Value`] for rows or columns of nothing, for columns that are not there or of another width than the encoder's, for encoders with a memory of
-    /// their own and for sums of unlike widths; otherwise as [`Gru::new`] and `trunk`.
+    /// [`Error::Value`] for rows or columns of nothing, for columns that are not there or of another width than the encoder's, for
+    /// encoders with a memory of their own and for sums of unlike widths; otherwise as [`Gru::new`] and `trunk`.
     pub fn new(
         n_seen: usize,
         encoders: Vec<Encoded>,

@@ -1,6 +1,7 @@
 //! Gaussians behind tanh, drawn so that gradients pass: a = tanh(μ + σ ε), ε ~ N(0, 1) (Haarnoja et al. 2018, appendix C).
 //!
-//! A row of outputs is `[μ n, s n]`, of which an action has the first numbers of each half; ln σ = −5 + 3.5 (1 + tanh s) stays within [−5, 2] and its slope never vanishes for good.
+//! A row of outputs is `[μ n, s n]`, of which an action has the first numbers of each half; ln σ = −5 + 3.5 (1 + tanh s) stays within
+//! [−5, 2] and its slope never vanishes for good.
 
 use super::head::{LOG_STD_MAX, LOG_STD_MIN};
 use std::f64::consts::{LN_2, TAU};

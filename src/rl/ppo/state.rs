@@ -24,7 +24,8 @@ impl Ppo {
     /// A run from random weights on a task with this configuration; its `n_env` is [`PpoConfig::n_env`].
     ///
     /// # Errors
-    /// As [`PpoConfig::validate`] and [`Env::make`]; [`Error::Limit`](base::error::Error::Limit) for rollouts beyond [`EnvConfig::memory_limit`].
+    /// As [`PpoConfig::validate`] and [`Env::make`]; [`Error::Limit`](base::error::Error::Limit) for rollouts beyond
+    /// [`EnvConfig::memory_limit`].
     pub fn new(task: &str, env: &EnvConfig, config: PpoConfig, seed: u64, threads: Threads) -> Result<Self> {
         Self::with(&|own| Env::make(task, own), env, config, seed, threads)
     }

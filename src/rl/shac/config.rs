@@ -29,7 +29,8 @@ with_defaults! {
         pub discount: f64 = 0.97,
         /// λ of the critic's targets. Within [0, 1]; default 0.95.
         pub lambda: f64 = 0.95,
-        /// Share of the run over which the weight w of the critic's value in the actor's cost rises from 0 to 1. Within [0, 1]; default 0.5.
+        /// Share of the run over which the weight w of the critic's value in the actor's cost rises from 0 to 1. Within [0, 1]; default
+        /// 0.5.
         pub ramp: f64 = 0.5,
         /// Learning rate of the actor over the run. Default a cosine from 0.01 to 1e-4.
         pub learning_rate: Schedule = Schedule::cosine(0.01, 1e-4),

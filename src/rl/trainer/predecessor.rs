@@ -25,8 +25,8 @@ pub(super) struct Predecessor {
 }
 
 /// What [`TrainConfig::from`] names: the folder of a run or checkpoint; or `Task`, `Task/algorithm` or `/algorithm`, which is
-/// trained by its recipe and [`TrainConfig::from_settings`], with the seed, vehicle and control mode of `config`, and kept in `folder` where there is one, so
-/// that it goes on behind a kill.
+/// trained by its recipe and [`TrainConfig::from_settings`], with the seed, vehicle and control mode of `config`, and kept in `folder`
+/// where there is one, so that it goes on behind a kill.
 ///
 /// # Errors
 /// As [`load_policy`], [`TrainConfig::layered`] and [`Trainer::run`].

@@ -362,7 +362,8 @@ impl Env {
     }
 
     /// Memory for `horizon` recorded steps: per step and environment 4 bytes for each number that goes into a step
-    /// ([`StepLayout`] up to `noise`) and six for each reading whose gradient is followed, and 1 byte of book-keeping; for whole blocks of 64 environments.
+    /// ([`StepLayout`] up to `noise`) and six for each reading whose gradient is followed, and 1 byte of book-keeping; for whole blocks
+    /// of 64 environments.
     ///
     /// # Errors
     /// [`Error::Value`] for discrete actions; [`Error::Limit`] before any allocation if that is more than
@@ -672,7 +673,8 @@ impl Sweep {
     ///
     /// # Errors
     /// [`Error::Value`] for a tape of another task, configuration or number of environments, a step out of order, a slice of
-    /// the wrong length, or cotangents that the adjoint has no [`Seeds`] of; [`Error::Limit`] if the tape has no such step. Nothing is changed then.
+    /// the wrong length, or cotangents that the adjoint has no [`Seeds`] of; [`Error::Limit`] if the tape has no such step. Nothing is
+    /// changed then.
     pub fn pull(&mut self, tape: &Tape, t: usize, up: &Cotangents<'_>, action: &mut [f32]) -> Result<()> {
         let Self { adjoint: Adjoint(a), options, blocks, last } = self;
         check_same_layout(tape, &a.layout, a.n_env)?;

@@ -496,7 +496,8 @@ impl Env {
         Ok(scene.solids(&placement))
     }
 
-    /// The physical numbers that are in force in one environment, in the order of [`Robot::parameter_names`](super::Robot::parameter_names).
+    /// The physical numbers that are in force in one environment, in the order of
+    /// [`Robot::parameter_names`](super::Robot::parameter_names).
     ///
     /// # Errors
     /// As [`Env::state`].

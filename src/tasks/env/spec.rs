@@ -91,7 +91,7 @@ pub enum Column {
     Length,
     /// Numbers of the action that were clipped or not finite.
     Clipped,
-    /// 0, or the place from 1 on of the reason to terminate.
+    /// 0, or the place, from 1 on, of the reason to terminate in [`Spec::ends`].
     Reason,
     /// 1 where the goal counts as reached in this step.
     Success,

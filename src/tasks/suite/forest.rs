@@ -8,8 +8,8 @@
 //!   than the flight.
 //! - DIFFERENCE: T = 1000 steps for 24 m; the published 48 m in 12.8 s ask for more than the speed that ends an episode.
 //! - DIFFERENCE: height and distance to the target are observed.
-//! - DIFFERENCE: touch ends an episode, wherever on the vehicle it is, a ball about every propeller included; published is a beam below 0.3 m, so what no beam met did not
-//!   count. The term safety is of the clearance, not of the mean beam.
+//! - DIFFERENCE: touch ends an episode, wherever on the vehicle it is, a ball about every propeller included; published is a beam below
+//!   0.3 m, so what no beam met did not count. The term safety is of the clearance, not of the mean beam.
 //! - DIFFERENCE: the term progress falls no further than its bound is high.
 
 use super::clear_path::clear_path;
