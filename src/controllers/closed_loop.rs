@@ -200,7 +200,7 @@ impl<C: Controller> ClosedLoop<C> {
         self.run.damaged.as_ref().unwrap_or(&self.plant)
     }
 
-    /// Who steers.
+    /// The controller.
     pub fn controller(&self) -> &C {
         &self.controller
     }
@@ -210,7 +210,7 @@ impl<C: Controller> ClosedLoop<C> {
         self.commands.len()
     }
 
-    /// The plant's input in the last step.
+    /// The plant's input in the last step, `[n_input]`, in its layout: commands behind their latency, and the disturbance.
     pub fn applied(&self) -> &[f64] {
         &self.run.applied
     }
@@ -232,7 +232,7 @@ impl<C: Controller> ClosedLoop<C> {
         (0..self.latency).map(|_| self.hover.clone()).collect()
     }
 
-    /// One step from a state of the plant; `next` gets the state after it.
+    /// One step from a state of the plant, `[n_state]`; `next`, `[n_state]`, gets the state after it.
     ///
     /// # Errors
     /// As [`Controller::tell`], where a rotor fails.
@@ -375,7 +375,7 @@ impl<L: ControlLaw> ClosedLoop<LawController<L>> {
         })
     }
 
-    /// The whole state for a state of the plant: the law's memory before its first tick, the line at hover.
+    /// The whole state, `[n_state]` of the loop, for a state of the plant: the law's memory before its first tick, the line at hover.
     pub fn initial_state(&self, plant_state: &[f64]) -> Vec<f64> {
         let mut x = plant_state.to_vec();
         x.extend(self.law().memory());
@@ -383,7 +383,7 @@ impl<L: ControlLaw> ClosedLoop<LawController<L>> {
         x
     }
 
-    /// The input of step `k`: target and ticks now, and the air; injections are zero.
+    /// The input of step `k` into `input`, `[n_input]` of the loop: target and ticks at k dt, and the air; injections are zero.
     pub fn write_input(&self, k: u64, target: Target<'_>, air: &Disturbance<f64>, input: &mut [f64]) {
         self.write_air(air, input);
         self.write_clocked(k, target, &mut input[..self.n_clocked()]);

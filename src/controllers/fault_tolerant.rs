@@ -152,7 +152,7 @@ impl FaultTolerant {
         self.broken.as_ref().map(|b| &b.assessment)
     }
 
-    /// Who solved the allocations since the last [`tell`](Self::tell); `None` while whole.
+    /// Which methods solved the allocations since the last [`tell`](Self::tell); `None` while whole.
     pub fn counts(&self) -> Option<Counts> {
         self.broken.as_ref().map(|b| b.allocator.counts())
     }

@@ -43,7 +43,7 @@ impl HoverAxes<f64> {
         self.leans
     }
 
-    /// Body → world in hover at yaw 0, where it leans.
+    /// Body → world in hover at yaw 0, `[w, x, y, z]`; `None` where it is level.
     pub fn attitude_in_hover(&self) -> Option<Quat<f64>> {
         self.leans.then_some(self.turn)
     }
@@ -59,7 +59,7 @@ impl HoverAxes<f64> {
         Err(Error::value(what, value, "level, to carry something on joints", remedy))
     }
 
-    /// What levels commanded, of the body.
+    /// Commands of the levels, given in hover axes, in body axes.
     pub fn commanded(&self, of_hover_axes: Commanded) -> Commanded {
         let attitude = self.attitude(of_hover_axes.attitude);
         Commanded { attitude, angular_velocity: self.to_body(of_hover_axes.angular_velocity), ..of_hover_axes }
@@ -85,13 +85,13 @@ impl<S: Scalar> HoverAxes<S> {
         }
     }
 
-    /// The body's attitude for one of the hover axes.
+    /// The body's attitude, `[w, x, y, z]`, for one of the hover axes.
     #[inline]
     pub fn attitude(&self, of_hover_axes: Quat<S>) -> Quat<S> {
         if self.leans { multiply(of_hover_axes, self.turn) } else { of_hover_axes }
     }
 
-    /// A vector in body axes.
+    /// A vector of hover axes in body axes.
     #[inline]
     pub fn to_body(&self, of_hover_axes: Vec3<S>) -> Vec3<S> {
         if self.leans { rotate_back(self.turn, of_hover_axes) } else { of_hover_axes }

@@ -17,7 +17,7 @@ use base::error::{Error, Result, finite};
 /// Most Newton steps on an interior point: each doubles its digits.
 const POLISHES: usize = 3;
 
-/// Who found an answer.
+/// The method that found an answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Solver {
     /// No bound acts: one matrix product.
@@ -26,7 +26,7 @@ pub enum Solver {
     ActiveSet,
     /// Cones, or the active set was not certified.
     Clarabel,
-    /// Nobody: the last good inputs, within the bounds of now.
+    /// None: the last good inputs are held, within the present bounds.
     Held,
 }
 
@@ -63,13 +63,13 @@ pub struct AllocationSolution {
     pub inputs: Vec<f64>,
     /// Multipliers of each cone, head first; empty where there are none.
     pub duals: Vec<Vec<f64>>,
-    /// Who found it.
+    /// The method that found it.
     pub solver: Solver,
     /// Scaled KKT residual, without unit, recomputed from the conditions of optimality; see [`Problem::scales`].
     pub residual: f64,
     /// Steps of the active set or iterations of clarabel.
     pub steps: u32,
-    /// Why inputs were held, if they were.
+    /// Why inputs were held; `None` where they were not.
     pub reason: Option<HoldReason>,
 }
 
