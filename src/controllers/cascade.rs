@@ -130,9 +130,9 @@ impl RateDivisors {
 /// What each level said last: the memory of a cascade, held until the level computes again.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CascadeMemory<S, const R: usize> {
-    /// Of the velocity level.
+    /// The last attitude command, of the velocity level.
     pub attitude: AttitudeCommand<S>,
-    /// Of the attitude level.
+    /// The last rate command, of the attitude level.
     pub rate: RateCommand<S>,
     /// Of the rate level and allocation: rotor actions in [−1, 1].
     pub rotors: [S; R],
@@ -222,7 +222,7 @@ pub struct CascadeModel<S, const R: usize> {
     pub body: BodyModel<S>,
     /// Per level and axis.
     pub gains: GainSet<S>,
-    /// Of tilt and thrust.
+    /// Limits of tilt and thrust.
     pub limits: ForceLimits<S>,
     /// Rotor thrusts (N) per [F_z, M_x, M_y, M_z], one row per rotor: –, 1/m, 1/m, 1/m.
     pub mixer: [[S; 4]; R],

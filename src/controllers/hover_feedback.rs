@@ -84,10 +84,10 @@ impl HoverFeedback {
         Self::new(plant, rates, weights, false)
     }
 
-    /// LQI of it.
+    /// LQI of the vehicle that a plant is believed to be.
     ///
     /// # Errors
-    /// Likewise.
+    /// As [`lqr`](Self::lqr).
     pub fn lqi(plant: &Plant, rates: &Rates, weights: &HoverWeights) -> Result<Self> {
         Self::new(plant, rates, weights, true)
     }

@@ -64,7 +64,7 @@ pub struct MonteCarloSummary {
     pub median: Quantile,
     /// RMSE that 95 % of the flights do not exceed, m; likewise.
     pub percentile_95: Quantile,
-    /// Of the bounds.
+    /// Confidence of the bounds.
     pub confidence: f64,
 }
 

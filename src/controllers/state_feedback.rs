@@ -64,7 +64,8 @@ impl LqrWeights {
     /// Checks the ranges given with the fields.
     ///
     /// # Errors
-    /// [`Error::Value`] for the first that is outside; ∞ switches a weight off, but not that of the command.
+    /// [`Error::Value`] for the first that is outside. `swing` and `reach` may be ∞, which switches them off; `position` and
+    /// `acceleration` are finite.
     pub fn validate(&self) -> Result<()> {
         let preview = self.preview.unwrap_or(0.0);
         let rows = [

@@ -10,7 +10,7 @@ pub struct ConfigDifference {
     pub key: String,
     /// As in a file; none where the key is absent: a setting of the task is then the task's own.
     pub then: Option<String>,
-    /// Likewise.
+    /// Its value now, likewise.
     pub now: Option<String>,
 }
 

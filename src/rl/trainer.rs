@@ -155,7 +155,7 @@ pub struct RunProgress<'a> {
 /// What a run came to.
 #[derive(Debug)]
 pub struct TrainResult {
-    /// Of the policy as it is now.
+    /// Evaluation of the policy as it is now.
     pub evaluation: Evaluation,
     /// Ready to fly.
     pub policy: Policy,

@@ -8,19 +8,19 @@ use nalgebra::DMatrix;
 /// [`AllocationSensitivity::reverse`](super::AllocationSensitivity::reverse).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Variation {
-    /// Of w.
+    /// Of w, `[force; moment]`.
     pub wrench: [f64; WRENCH],
     /// Of the diagonal of W.
     pub weights: [f64; WRENCH],
     /// Of ρ.
     pub regularisation: f64,
-    /// Of B.
+    /// Of B, 6 × n.
     pub geometry: DMatrix<f64>,
-    /// Of u_pref.
+    /// Of u_pref, `[n_input]`.
     pub preference: Vec<f64>,
-    /// Of the lower bounds.
+    /// Of the lower bounds, `[n_input]`.
     pub lower: Vec<f64>,
-    /// Of the upper bounds.
+    /// Of the upper bounds, `[n_input]`.
     pub upper: Vec<f64>,
     /// Of every row of every cone, head first.
     pub cones: Vec<Vec<RowVariation>>,

@@ -12,7 +12,7 @@ use nalgebra::DMatrix;
 pub struct PeakGain {
     /// σ_max of G there; infinite for a system that is not stable.
     pub gain: f64,
-    /// ω, rad/s.
+    /// ω, rad/s; NaN for a system that is not stable; of a direct path that nothing exceeds, Nyquist (infinite without samples).
     pub omega: f64,
 }
 

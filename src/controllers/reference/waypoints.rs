@@ -81,7 +81,8 @@ impl Waypoints {
     /// are 5° apart.
     ///
     /// # Errors
-    /// [`Error::Value`] or [`Error::Limit`] for fewer or more points, a number that is not finite, or times that do not rise by 1 ms.
+    /// [`Error::Limit`] for fewer or more points; [`Error::Value`] for a number that is not finite, times that do not rise by 1 ms, or
+    /// segments next to each other whose times differ by a factor of more than 100.
     pub fn new(points: Vec<Waypoint>) -> Result<Self> {
         Self::solved(points, false)
     }

@@ -9,7 +9,7 @@ use base::error::Result;
 pub struct SingleStep<'a> {
     /// `[A · observation]`: all agents', one after the other.
     pub observation: &'a [f32],
-    /// Of the team.
+    /// Reward of the team.
     pub reward: f32,
     /// The task ended the episode.
     pub terminated: bool,
