@@ -48,7 +48,7 @@ impl ActionScale {
     /// Checks that every scale is within (0, 1000], and the tilt within (0, 1.5] rad.
     ///
     /// # Errors
-    /// [`Error::Value`](base::error::Error::Value) that names the first outside.
+    /// [`Error::Value`] that names the first outside.
     pub fn validate(&self) -> Result<()> {
         let rows = [
             ("action_scale.position", self.position, 1e3),

@@ -183,7 +183,7 @@ impl CommandLimits {
     /// Checks the ranges given with the fields.
     ///
     /// # Errors
-    /// [`Error::Value`](base::error::Error::Value) that names the first outside.
+    /// [`Error::Value`] that names the first outside.
     pub fn validate(&self) -> Result<()> {
         let rows = [
             ("limits.tilt", self.tilt, 1.5, "within (0, 1.5] rad"),

@@ -323,7 +323,7 @@ impl Plant {
     }
 
     /// Motion of every body along world axes in a state with these physical parameters, row-major `[n_frame, 13]`: the numbers of a
-    /// [`Frame`](super::Frame). `parameters` is read of articulated plants alone, `[n_parameter]`.
+    /// [`Frame`]. `parameters` is read of articulated plants alone, `[n_parameter]`.
     pub fn write_frames<S: Scalar>(&self, parameters: &[S], state: &[S], frames: &mut [S]) {
         match self {
             Self::Tree(m) => tree::frames::write(m.topology(), parameters, state, frames),

@@ -101,7 +101,7 @@ impl Geometry {
     /// Checks the sizes; `what` names the shape in the error.
     ///
     /// # Errors
-    /// [`Error::Value`](base::error::Error::Value): a size that is not finite or outside 1e-6 to 1e4 m (a capsule's length may
+    /// [`Error::Value`]: a size that is not finite or outside 1e-6 to 1e4 m (a capsule's length may
     /// be 0).
     pub fn validate(&self, what: &str) -> Result<()> {
         let at = |name: &str| format!("{what}: {name}");
