@@ -125,9 +125,9 @@ fn no_corruption_is_loaded_and_the_checkpoint_before_is_found() {
     corruptions(2_000, number("FUZZ_SEED", 1));
 }
 
-/// FUZZ_N=100000 FUZZ_SEED=2 cargo test --release --lib checkpoint::corruption -- --ignored
+/// FUZZ_N=100000 FUZZ_SEED=2 cargo test --release -p omnidrones-rl --lib checkpoint::corruption -- --ignored
 #[test]
-#[ignore = "FUZZ_N=100000 cargo test --release --lib no_corruption_of_many -- --ignored --nocapture: 20 s"]
+#[ignore = "FUZZ_N=100000 cargo test --release -p omnidrones-rl --lib no_corruption_of_many -- --ignored --nocapture: 20 s"]
 fn no_corruption_of_many_is_loaded() {
     corruptions(number("FUZZ_N", 100_000), number("FUZZ_SEED", 2));
 }

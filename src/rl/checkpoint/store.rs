@@ -932,7 +932,7 @@ mod tests {
     }
 
     #[test]
-    #[ignore = "cargo test --lib a_writer_killed_at_any_instant: this is the child that it starts and kills"]
+    #[ignore = "cargo test -p omnidrones-rl --lib a_writer_killed_at_any_instant: this is the child that it starts and kills"]
     fn saves_for_ever() {
         let Ok(run) = std::env::var(RUN) else { return };
         let (mut writer, mut large) = (Store::open_to_write(run, 2).unwrap(), Large::new());
@@ -942,7 +942,7 @@ mod tests {
         }
     }
 
-    /// KILLS=200 cargo test --release --lib a_writer_killed: the nightly number.
+    /// KILLS=200 cargo test --release -p omnidrones-rl --lib a_writer_killed: the nightly number.
     #[test]
     fn a_writer_killed_at_any_instant_leaves_a_whole_checkpoint() {
         let n: u64 = std::env::var("KILLS").map_or(10, |n| n.parse().unwrap());

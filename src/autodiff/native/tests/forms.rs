@@ -336,7 +336,7 @@ fn every_form_of_every_instruction_has_its_bytes() {
 
 /// Run by `.ci/nightly`: objdump reads the bytes back as what the text says.
 #[test]
-#[ignore = "needs objdump: cargo test --lib a_disassembler_reads -- --ignored"]
+#[ignore = "needs objdump: cargo test -p omnidrones-autodiff --lib a_disassembler_reads -- --ignored"]
 fn a_disassembler_reads_what_the_encoder_meant() {
     let forms = all_forms();
     let forms: Vec<(&str, &str)> =
