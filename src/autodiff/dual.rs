@@ -14,9 +14,10 @@ use nalgebra::SVector;
 use num_dual::{Dual64, DualNum, DualSVec64, HyperDual64};
 
 macro_rules! scalar_from_num_dual {
-    ([$($generics:tt)*] $type:ty) => {
+    ([$($generics:tt)*] $type:ty $(, $once:ident)?) => {
         impl<$($generics)*> Scalar for $type {
             type Mask = bool;
+            $(super::compiled_once::compiled_once!($once);)?
             #[inline(always)]
             fn constant(x: f64) -> Self {
                 <$type>::from_re(x)
@@ -68,7 +69,7 @@ macro_rules! scalar_from_num_dual {
     };
 }
 
-scalar_from_num_dual!([] Dual64);
+scalar_from_num_dual!([] Dual64, Dual);
 scalar_from_num_dual!([const N: usize] DualSVec64<N>);
 scalar_from_num_dual!([] HyperDual64);
 

@@ -28,6 +28,8 @@ pub mod certificate;
 #[doc(hidden)]
 pub mod columns;
 #[doc(hidden)]
+pub mod compiled_once;
+#[doc(hidden)]
 pub mod custom;
 #[doc(hidden)]
 pub mod derivative;

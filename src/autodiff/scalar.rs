@@ -5,6 +5,7 @@
 //! adjoint is derived. For all of them to run the same lines, a kernel may not branch on a value: comparisons return
 //! a [`Mask`] and [`Scalar::select`] picks between two results that are both computed.
 
+use super::compiled_once::{Arguments, CompiledOnce, compiled_once};
 use super::custom::{Operation, Scratch};
 use std::fmt::Debug;
 use std::ops::{Add, AddAssign, Div, Mul, MulAssign, Neg, Sub, SubAssign};
@@ -54,6 +55,15 @@ pub trait Scalar:
 {
     /// What a comparison returns.
     type Mask: Mask;
+
+    /// Whether equations over it are compiled once, in their room: see [`CompiledOnce`](super::compiled_once::CompiledOnce).
+    #[doc(hidden)]
+    const IS_COMPILED_ONCE: bool = false;
+    /// Arguments as those of what is compiled once.
+    #[doc(hidden)]
+    fn compiled_once(_: Arguments<'_, Self>) -> CompiledOnce<'_> {
+        unreachable!("equations over this scalar are compiled where they are used")
+    }
 
     /// A constant: the same in every lane, with zero derivative.
     fn constant(x: f64) -> Self;
@@ -187,9 +197,10 @@ pub trait Scalar:
 
 /// A number of the processor.
 macro_rules! plain {
-    ($t:ident, $call:ident) => {
+    ($t:ident, $call:ident $(, $once:ident)?) => {
         impl Scalar for $t {
             type Mask = bool;
+            $(compiled_once!($once);)?
             #[inline(always)]
             fn constant(x: f64) -> Self {
                 x as $t
@@ -238,7 +249,7 @@ macro_rules! plain {
     };
 }
 
-plain!(f64, call_exactly);
+plain!(f64, call_exactly, Plain);
 plain!(f32, call_rounded);
 
 #[inline(always)]

@@ -232,6 +232,7 @@ impl Not for TraceMask {
 
 impl Scalar for Trace {
     type Mask = TraceMask;
+    super::compiled_once::compiled_once!(Trace);
     #[inline(never)]
     fn constant(x: f64) -> Self {
         push(Node::Constant(x.to_bits()))

@@ -5,6 +5,7 @@ use super::rigid::{BODY_PARAMETERS, Disturbance, Effects, RIGID_DIM, RigidModel,
 use super::rotor::{N_ROTOR_PARAMETER, thrust_action};
 use super::spatial::{Vec3, add, axpy, constants, rotate};
 use super::vehicle::Vehicle;
+use autodiff::compiled_once::{Arguments, CompiledOnce};
 use autodiff::{Scalar, System};
 use base::error::{Error, Result, finite};
 use serde::{Deserialize, Serialize};
@@ -270,6 +271,16 @@ impl Multirotor {
         [f[0], f[1], f[2], m[0], m[1], m[2]]
     }
 
+    /// [`step_any`](Self::step_any) where it is compiled once.
+    #[inline(never)]
+    fn step_here(&self, arguments: CompiledOnce<'_>) {
+        match arguments {
+            CompiledOnce::Plain(a) => self.step_any(a.state, a.input, a.parameters, None, a.result),
+            CompiledOnce::Dual(a) => self.step_any(a.state, a.input, a.parameters, None, a.result),
+            CompiledOnce::Trace(a) => self.step_any(a.state, a.input, a.parameters, None, a.result),
+        }
+    }
+
     fn step_any<S: Scalar>(&self, state: &[S], input: &[S], theta: &[S], push: Option<Vec3<S>>, next: &mut [S]) {
         match &self.model {
             AnyModel::Four(m) => self.step_padded(m, state, input, theta, push, next),
@@ -304,6 +315,10 @@ impl System for Multirotor {
         if self.exposes_parameters { BODY_PARAMETERS.len() + self.radii.len() * N_ROTOR_PARAMETER } else { 0 }
     }
     fn step<S: Scalar>(&self, state: &[S], input: &[S], parameters: &[S], next: &mut [S]) {
-        self.step_any(state, input, parameters, None, next);
+        if const { S::IS_COMPILED_ONCE } {
+            self.step_here(S::compiled_once(Arguments { state, input, parameters, result: next }));
+        } else {
+            self.step_any(state, input, parameters, None, next);
+        }
     }
 }

@@ -6,6 +6,7 @@ use super::scratch::scratch_on_stack;
 use super::step::{self, Task};
 use super::topology::Topology;
 use crate::multirotor::Physics;
+use autodiff::compiled_once::{Arguments, CompiledOnce};
 use autodiff::{Scalar, System};
 use base::error::{Error, Result};
 
@@ -83,9 +84,27 @@ impl Multibody {
         self.run(Task::Derivative, state, input, parameters, rate);
     }
 
+    fn run<S: Scalar>(&self, task: Task, state: &[S], input: &[S], parameters: &[S], result: &mut [S]) {
+        if const { S::IS_COMPILED_ONCE } {
+            self.run_here(task, S::compiled_once(Arguments { state, input, parameters, result }));
+        } else {
+            self.run_any(task, state, input, parameters, result);
+        }
+    }
+
+    /// [`run_any`](Self::run_any) where it is compiled once.
+    #[inline(never)]
+    fn run_here(&self, task: Task, arguments: CompiledOnce<'_>) {
+        match arguments {
+            CompiledOnce::Plain(a) => self.run_any(task, a.state, a.input, a.parameters, a.result),
+            CompiledOnce::Dual(a) => self.run_any(task, a.state, a.input, a.parameters, a.result),
+            CompiledOnce::Trace(a) => self.run_any(task, a.state, a.input, a.parameters, a.result),
+        }
+    }
+
     /// One copy per scalar: the kernels are large.
     #[inline(never)]
-    fn run<S: Scalar>(&self, task: Task, state: &[S], input: &[S], parameters: &[S], result: &mut [S]) {
+    fn run_any<S: Scalar>(&self, task: Task, state: &[S], input: &[S], parameters: &[S], result: &mut [S]) {
         let t = &self.topology;
         scratch_on_stack!(scratch, t, S);
         scratch.end[..t.n_state].copy_from_slice(state);
