@@ -48,6 +48,7 @@ pub fn atan2<S: Scalar>(y: S, x: S) -> S {
 }
 
 /// arccos of x held within [−1, 1], rad; in `f64` derivative 0 within 1e-12 of either end, where the true one is infinite.
+/// In `f32`, where 1 − 1e-12 rounds to 1, it is infinite at x = ±1.
 #[inline(always)]
 pub fn acos<S: Scalar>(x: S) -> S {
     let end = 1.0 - 1e-12;
@@ -60,6 +61,7 @@ pub fn acos<S: Scalar>(x: S) -> S {
 }
 
 /// arcsin of x held within [−1, 1], rad; in `f64` derivative 0 within 1e-12 of either end, where the true one is infinite.
+/// In `f32`, where 1 − 1e-12 rounds to 1, it is infinite at x = ±1.
 #[inline(always)]
 pub fn asin<S: Scalar>(x: S) -> S {
     S::constant(std::f64::consts::FRAC_PI_2) - acos(x)
