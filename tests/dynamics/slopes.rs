@@ -176,11 +176,11 @@ fn slopes_are_told_only_where_they_are_asked_for_and_change_no_reading() {
             attitude: [1.0, 0.0, 0.0, 0.0],
             angular_velocity: [0.0; 3],
         };
-        let mut sight = SensorContext::new(&mut world, &[], &mut eyes);
+        let mut context = SensorContext::new(&mut world, &[], &mut eyes);
         if without {
-            sight = sight.without_slopes();
+            context = context.without_slopes();
         }
-        let reading = sensor.step(&GroundTruth::at(&frame, [0.0; 3], [0.0; 3], 9.81), &mut sight).to_vec();
+        let reading = sensor.step(&GroundTruth::at(&frame, [0.0; 3], [0.0; 3], 9.81), &mut context).to_vec();
         (reading, sensor.slopes().to_vec())
     };
     let (plain, none) = read(lidar, false);

@@ -201,10 +201,10 @@ impl CameraDevice {
         Ok(Self { settings: settings.clone(), camera, sun, depth: vec![0.0; n], ids: vec![0; n] })
     }
 
-    fn show_depth(&self, pose: &Pose<f64>, sight: &mut SensorContext<'_>, grain: SampleNoise, out: &mut [f64]) {
+    fn show_depth(&self, pose: &Pose<f64>, context: &mut SensorContext<'_>, grain: SampleNoise, out: &mut [f64]) {
         let own = &self.settings;
         let ([width, _], [_, columns]) = (own.size, own.extent());
-        let Readings { ranges: depth, ids, mut met, .. } = sight.image(&self.camera, pose);
+        let Readings { ranges: depth, ids, mut met, .. } = context.image(&self.camera, pose);
         if let Some(stereo) = &own.stereo {
             let focal = 0.5 * width as f64 / (0.5 * own.field_of_view).tan();
             depth.chunks_exact_mut(width).for_each(|row| hide_shadows(row, focal * stereo.baseline, own.farthest));
@@ -232,15 +232,15 @@ impl CameraDevice {
         out.iter_mut().for_each(|z| *z = own.form.of(*z, own.farthest));
     }
 
-    fn show_classes(&self, pose: &Pose<f64>, sight: &mut SensorContext<'_>, lost: SampleNoise, out: &mut [f64]) {
-        let Readings { ids, world, .. } = sight.image(&self.camera, pose);
+    fn show_classes(&self, pose: &Pose<f64>, context: &mut SensorContext<'_>, lost: SampleNoise, out: &mut [f64]) {
+        let Readings { ids, world, .. } = context.image(&self.camera, pose);
         for (i, (class, id)) in out.iter_mut().zip(ids).enumerate() {
             *class = if is_lost(lost, i, self.settings.dropout) { 0.0 } else { class_of(world, *id) };
         }
     }
 
-    fn show_normals(&self, pose: &Pose<f64>, sight: &mut SensorContext<'_>, lost: SampleNoise, out: &mut [f64]) {
-        let Readings { ranges: depth, ids, world, .. } = sight.image(&self.camera, pose);
+    fn show_normals(&self, pose: &Pose<f64>, context: &mut SensorContext<'_>, lost: SampleNoise, out: &mut [f64]) {
+        let Readings { ranges: depth, ids, world, .. } = context.image(&self.camera, pose);
         for (i, normal) in out.chunks_exact_mut(3).enumerate() {
             let point = pose.point(self.camera.direction(i).map(|d| f64::from(depth[i]) * d));
             let seen = world.normal(ids[i], point).filter(|_| !is_lost(lost, i, self.settings.dropout));
@@ -248,18 +248,18 @@ impl CameraDevice {
         }
     }
 
-    fn show_colours(&mut self, pose: &Pose<f64>, sight: &mut SensorContext<'_>, lost: SampleNoise, out: &mut [f64]) {
-        let seen = sight.image(&self.camera, pose);
+    fn show_colours(&mut self, pose: &Pose<f64>, context: &mut SensorContext<'_>, lost: SampleNoise, out: &mut [f64]) {
+        let seen = context.image(&self.camera, pose);
         self.depth.copy_from_slice(seen.ranges);
         self.ids.copy_from_slice(seen.ids);
         for (i, colour) in out.chunks_exact_mut(3).enumerate() {
             let direction = self.camera.direction(i);
             let point = pose.point(direction.map(|d| f64::from(self.depth[i]) * d));
-            let lit = match sight.world().normal(self.ids[i], point) {
+            let lit = match context.world().normal(self.ids[i], point) {
                 None => shade::sky(pose.point(direction)[2] - pose.position[2], direction),
                 Some(normal) => {
-                    let dark = self.settings.shadows && shade::is_dark(sight, &self.sun, point, normal);
-                    shade::surface(sight.world().owner(self.ids[i]), point, normal, dark)
+                    let dark = self.settings.shadows && shade::is_dark(context, &self.sun, point, normal);
+                    shade::surface(context.world().owner(self.ids[i]), point, normal, dark)
                 }
             };
             colour.copy_from_slice(&if is_lost(lost, i, self.settings.dropout) { [0.0; 3] } else { lit });
@@ -295,14 +295,14 @@ fn class_of(world: &RayScene, id: u32) -> f64 {
 impl Device for CameraDevice {
     fn draw(&mut self, _: &mut Stream) {}
 
-    fn sample(&mut self, at: &Motion, sight: &mut SensorContext<'_>, stream: &mut Stream, out: &mut [f64]) {
+    fn sample(&mut self, at: &Motion, context: &mut SensorContext<'_>, stream: &mut Stream, out: &mut [f64]) {
         let (pose, grain) =
             (Pose { position: at.position, attitude: at.attitude }, SampleNoise::new(stream.next_u64()));
         match self.settings.show {
-            ImageType::Depth => self.show_depth(&pose, sight, grain, out),
-            ImageType::Segmentation => self.show_classes(&pose, sight, grain.other(), out),
-            ImageType::Normals => self.show_normals(&pose, sight, grain.other(), out),
-            ImageType::Rgb => self.show_colours(&pose, sight, grain.other(), out),
+            ImageType::Depth => self.show_depth(&pose, context, grain, out),
+            ImageType::Segmentation => self.show_classes(&pose, context, grain.other(), out),
+            ImageType::Normals => self.show_normals(&pose, context, grain.other(), out),
+            ImageType::Rgb => self.show_colours(&pose, context, grain.other(), out),
         }
     }
 

@@ -12,7 +12,7 @@ pub(crate) trait Device {
     fn draw(&mut self, stream: &mut Stream);
 
     /// Measures; `out` holds the sample before.
-    fn sample(&mut self, at: &Motion, sight: &mut SensorContext<'_>, stream: &mut Stream, out: &mut [f64]);
+    fn sample(&mut self, at: &Motion, context: &mut SensorContext<'_>, stream: &mut Stream, out: &mut [f64]);
 
     /// Visits what changes from sample to sample.
     fn each(&mut self, visit: &mut dyn FnMut(&mut f64));

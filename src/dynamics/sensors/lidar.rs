@@ -159,7 +159,7 @@ impl Device for LidarDevice {
         self.count = stream.below(1 << 24) as f64;
     }
 
-    fn sample(&mut self, at: &Motion, sight: &mut SensorContext<'_>, stream: &mut Stream, out: &mut [f64]) {
+    fn sample(&mut self, at: &Motion, context: &mut SensorContext<'_>, stream: &mut Stream, out: &mut [f64]) {
         if self.settings.pattern == Pattern::Scatter {
             self.scatter();
         }
@@ -168,7 +168,7 @@ impl Device for LidarDevice {
         // as rays tell it
         let farthest = f64::from(own.farthest as f32);
         let noisy = own.noise != [0.0; 3];
-        let seen = sight.rays(&self.rays, &Pose { position: at.position, attitude: at.attitude });
+        let seen = context.rays(&self.rays, &Pose { position: at.position, attitude: at.attitude });
         let Readings { ranges, ids, mut met, .. } = seen;
         for (i, (reading, range)) in out.iter_mut().zip(ranges).enumerate() {
             let t = f64::from(*range);

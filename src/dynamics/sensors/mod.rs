@@ -172,18 +172,18 @@ impl Sensor {
     }
 
     /// Reads after a step, or at the beginning of the episode, what [`channels`](Self::channels) names, in their units: from the motion
-    /// `truth` of its body, and by rays from what stands in `sight`.
-    pub fn step(&mut self, truth: &GroundTruth, sight: &mut SensorContext<'_>) -> &[f64] {
+    /// `truth` of its body, and by rays from what stands in `context`.
+    pub fn step(&mut self, truth: &GroundTruth, context: &mut SensorContext<'_>) -> &[f64] {
         if self.line.is_due() {
             let motion = self.mount.motion(truth);
-            sight.look_from(self.body);
-            let tells = sight.begin(!self.slopes.is_empty());
-            self.device.device().sample(&motion, sight, &mut self.stream, &mut self.sample);
+            context.look_from(self.body);
+            let tells = context.begin(!self.slopes.is_empty());
+            self.device.device().sample(&motion, context, &mut self.stream, &mut self.sample);
             self.slopes.fill(RangeJacobian::default());
             if tells {
                 let (mount, body) = (self.mount.pose(), truth.pose());
-                let each = self.slopes.iter_mut().zip(sight.met());
-                each.for_each(|(slope, met)| *slope = met.slope(sight.world(), &mount, &body));
+                let each = self.slopes.iter_mut().zip(context.met());
+                each.for_each(|(slope, met)| *slope = met.slope(context.world(), &mount, &body));
             }
         }
         self.line.advance(&self.sample);
@@ -348,10 +348,10 @@ impl SensorSet {
     ///
     /// # Panics
     /// On fewer truths than there were bodies.
-    pub fn step(&mut self, truths: &[GroundTruth], sight: &mut SensorContext<'_>) -> &[f64] {
+    pub fn step(&mut self, truths: &[GroundTruth], context: &mut SensorContext<'_>) -> &[f64] {
         let mut at = 0;
         for sensor in &mut self.sensors {
-            let reading = sensor.step(&truths[sensor.body], sight);
+            let reading = sensor.step(&truths[sensor.body], context);
             self.readings[at..at + reading.len()].copy_from_slice(reading);
             at += reading.len();
         }

@@ -124,9 +124,9 @@ impl RangeDevice {
 
     /// The nearest of all that is in the cone, m; infinite where there is nothing. With the ray that met it, where slopes are
     /// told.
-    fn nearest(&self, at: &Motion, sight: &mut SensorContext<'_>) -> f64 {
+    fn nearest(&self, at: &Motion, context: &mut SensorContext<'_>) -> f64 {
         let pose = Pose { position: at.position, attitude: at.attitude };
-        let Readings { ranges, ids, met, world, .. } = sight.rays(&self.rays, &pose);
+        let Readings { ranges, ids, met, world, .. } = context.rays(&self.rays, &pose);
         let angle = self.angle(at);
         // level ground is known in closed form
         let (first, ground) =
@@ -173,14 +173,14 @@ impl Device for RangeDevice {
         self.errors.draw(stream);
     }
 
-    fn sample(&mut self, at: &Motion, sight: &mut SensorContext<'_>, stream: &mut Stream, out: &mut [f64]) {
-        let (distance, farthest) = (self.nearest(at, sight), self.settings.farthest);
+    fn sample(&mut self, at: &Motion, context: &mut SensorContext<'_>, stream: &mut Stream, out: &mut [f64]) {
+        let (distance, farthest) = (self.nearest(at, context), self.settings.farthest);
         let measures = |d: f64| (self.settings.nearest..=farthest).contains(&d);
         let shown = if measures(distance) { distance } else { farthest };
         let share = self.settings.growth.map_or(1.0, |growth| growth.share(shown));
         let [measured] = self.errors.apply_with([shown], share, stream);
         let valid = measures(distance) && measures(measured);
-        sight.finish(|met| {
+        context.finish(|met| {
             let slope = self.errors.slope()[0][0];
             met.iter_mut().for_each(|met| met.factor *= if valid { slope } else { 0.0 });
             met.push(ReadingRay::NOTHING); // `valid` is a step

@@ -66,8 +66,8 @@ fn noise_of_a_lidar_is_a_polynomial_of_the_distance_and_lost_beams_see_nothing()
     let pose = Pose { position: [4.5, 0.0, 1.0], attitude: UPRIGHT };
     let wall = [PosedShape { body: 1, geometry: Geometry::Box { size: [1.0, 400.0, 2.0] }, pose }];
     let (mut world, mut eyes) = (RayScene::default(), RayScratch::default());
-    let mut sight = SensorContext::new(&mut world, &wall, &mut eyes);
-    let told = sensor.step(&resting([0.0, 0.0, 1.0], UPRIGHT), &mut sight);
+    let mut context = SensorContext::new(&mut world, &wall, &mut eyes);
+    let told = sensor.step(&resting([0.0, 0.0, 1.0], UPRIGHT), &mut context);
     let (mut sum, mut n, mut lost, mut met) = (0.0, 0.0, 0.0, 0.0);
     for (i, d) in told.iter().enumerate() {
         let truth = 4.0 / (std::f64::consts::TAU * i as f64 / told.len() as f64).cos();

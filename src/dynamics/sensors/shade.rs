@@ -27,10 +27,10 @@ pub(crate) fn surface(owner: Option<RayTarget>, point: Vec3<f64>, normal: Vec3<f
 }
 
 /// Whether something stands between a point of a surface and the sun.
-pub(crate) fn is_dark(sight: &mut SensorContext<'_>, sun: &Rays, point: Vec3<f64>, normal: Vec3<f64>) -> bool {
+pub(crate) fn is_dark(context: &mut SensorContext<'_>, sun: &Rays, point: Vec3<f64>, normal: Vec3<f64>) -> bool {
     // f32 about the eye: a millimetre out of the surface is out of it
     let eye = Pose { position: axpy(point, 1e-3, normal), attitude: [1.0, 0.0, 0.0, 0.0] };
-    f64::from(sight.rays(sun, &eye).ranges[0]) < FAR
+    f64::from(context.rays(sun, &eye).ranges[0]) < FAR
 }
 
 /// Ground is a chequered field of metres; other things have hues of their own, a golden angle apart.

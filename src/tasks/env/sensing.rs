@@ -201,12 +201,12 @@ impl SensorSetup {
         }
         let sensors = &mut block.sensors[lane];
         let solids = senses.solids.at(|body| frame(frames, body, lane));
-        let mut sight = SensorContext::new(&mut sensors.world, solids, &mut senses.eyes);
+        let mut context = SensorContext::new(&mut sensors.world, solids, &mut senses.eyes);
         if !senses.records {
-            sight = sight.without_slopes();
+            context = context.without_slopes();
         }
         for set in &mut sensors.sets {
-            set.step(&senses.truths, &mut sight);
+            set.step(&senses.truths, &mut context);
         }
         if senses.records {
             self.keep_slopes(&sensors.sets, frames, lane, &mut senses.slopes);
