@@ -28,13 +28,16 @@
 //!
 //! # Where to begin
 //!
-//! | who you are | start at | then |
-//! |---|---|---|
-//! | **control engineer**: design a controller, show that it holds | [`fly`](controllers::fly()), [`FlightPlan`](controllers::FlightPlan) | [`design`](controllers::design) (trim, LQR, margins of the loop that flies, [`tune`](controllers::design::tune())), [`linear`](controllers::linear), [`allocation`](controllers::allocation), [`MonteCarlo`](controllers::MonteCarlo), [`recovery_map`](controllers::recovery_map()) |
-//! | **researcher of gradients**: optimise through flights and episodes | [`System`](autodiff::System), [`Rollout`](autodiff::Rollout), [`certify`](autodiff::certify()) | [`linearise`](autodiff::linearise()), [`ClosedLoop`](controllers::ClosedLoop), [`Tape`](tasks::Tape), [`apg`](rl::apg), [`shac`](rl::shac) |
-//! | **learner of policies**: a fast and correct batch of environments | [`Env`](tasks::Env), [`EnvConfig`](tasks::EnvConfig) | [`Trainer`](rl::Trainer), [`TrainConfig`](rl::TrainConfig), [`evaluate`](rl::evaluate()), [`SingleEnv`](tasks::SingleEnv) |
-//! | **author of a task**: goals and rewards of one's own | [`Task`](tasks::Task), [the example](tasks#adding-a-task) | [`check_env`](tasks::check_env()), [`reward`](tasks::reward), [`settings!`] |
-//! | **owner of a URDF**: fly it, learn what is wrong with it | [`import_file`](dynamics::urdf::import_file()), [`Vehicle::warnings`](dynamics::Vehicle::warnings) | [`Assembly`](dynamics::assembly::Assembly), [`Multibody`](dynamics::tree::Multibody), [`configurations`](dynamics::configurations) |
+//! | who you are | start at | then | program in `examples/` |
+//! |---|---|---|---|
+//! | **control engineer**: design a controller, show that it holds | [`fly`](controllers::fly()), [`FlightPlan`](controllers::FlightPlan) | [`design`](controllers::design) (trim, LQR, margins of the loop that flies, [`tune`](controllers::design::tune())), [`linear`](controllers::linear), [`allocation`](controllers::allocation), [`MonteCarlo`](controllers::MonteCarlo), [`recovery_map`](controllers::recovery_map()) | `linearise_and_poles`, `tune_gains` |
+//! | **researcher of gradients**: optimise through flights and episodes | [`System`](autodiff::System), [`Rollout`](autodiff::Rollout), [`certify`](autodiff::certify()) | [`linearise`](autodiff::linearise()), [`ClosedLoop`](controllers::ClosedLoop), [`Tape`](tasks::Tape), [`apg`](rl::apg), [`shac`](rl::shac) | `gradient_of_a_rollout`, `gradient_of_an_episode` |
+//! | **learner of policies**: a fast and correct batch of environments | [`Env`](tasks::Env), [`EnvConfig`](tasks::EnvConfig) | [`Trainer`](rl::Trainer), [`TrainConfig`](rl::TrainConfig), [`evaluate`](rl::evaluate()), [`SingleEnv`](tasks::SingleEnv) | `randomised_batch`, `learn_hover_apg` |
+//! | **author of a task**: goals and rewards of one's own | [`Task`](tasks::Task), [the example](tasks#adding-a-task) | [`check_env`](tasks::check_env()), [`reward`](tasks::reward), [`settings!`] | `own_task`, `own_task_and_algorithm` |
+//! | **owner of a URDF**: fly it, learn what is wrong with it | [`import_file`](dynamics::urdf::import_file()), [`Vehicle::warnings`](dynamics::Vehicle::warnings) | [`Assembly`](dynamics::assembly::Assembly), [`Multibody`](dynamics::tree::Multibody), [`configurations`](dynamics::configurations) | `import_urdf`, `own_vehicle` |
+//!
+//! The tasks, with what they observe and reward, are listed by `omnidrones tasks` and in the repository's `docs/learning.md`. A debug
+//! build steps environments tens of times slower: give dependencies `opt-level = 3` (`[profile.dev.package."*"]`).
 //!
 //! # Five types
 //!

@@ -2,21 +2,21 @@
 //!
 //! | file | what |
 //! |---|---|
-//! | `scalar` | the [`Scalar`] trait, `f32`, `f64` |
+//! | `scalar`: [`Mask`] | the [`Scalar`] trait, `f32`, `f64` |
 //! | [`safe`] | norms, roots and angles that stay finite, values and derivatives, at their corners |
 //! | `dual` | num-dual's numbers as scalars: exact forward derivatives |
-//! | [`jet`] | truncated Taylor series over any scalar |
+//! | `jet`: [`Jet`] | truncated Taylor series over any scalar |
 //! | `lanes`, `columns`, `unrolled` | SIMD registers as scalars, chosen at run time; where their numbers stand; loops over components |
-//! | [`custom`] | functions with a derivative of their own, for solvers inside kernels |
+//! | `custom`: [`CustomFunction`], [`Operation`] | functions with a derivative of their own, for solvers inside kernels |
 //! | [`native`] | machine code of programs, made at run time |
-//! | `trace`, [`program`] | recording scalar, functions of recordings, derived adjoints; compiled programs |
+//! | `trace`, `program` | recording scalar, functions of recordings, derived adjoints; compiled programs |
 //! | `sweep` | the chain rule of a recording, backwards for all results at once |
 //! | `once` | what is made when it is first asked for |
-//! | `system` | what is differentiated: x⁺ = f(x, u, θ), costs |
-//! | [`derivative`] | Jacobians of one step, by duals and compiled |
-//! | [`rollout`] | gradients through whole rollouts, reverse and forward |
-//! | [`mod@batch_rollout`] | the same for many rollouts at once, in lanes |
-//! | [`certificate`] | adjoint against duals against differences, for anybody's system |
+//! | `system`: [`System`], [`Objective`] | what is differentiated: x⁺ = f(x, u, θ), costs |
+//! | `derivative`: [`CompiledJacobian`], [`JacobianScratch`] | Jacobians of one step, by duals and compiled |
+//! | `rollout`: [`Rollout`], [`Gradient`] | gradients through whole rollouts, reverse and forward |
+//! | `batch_rollout`: [`BatchRollout`], [`BatchGradient`] | the same for many rollouts at once, in lanes |
+//! | `certificate`: [`Certificate`], [`CertificateBounds`] | adjoint against duals against differences, for anybody's system |
 //!
 //! This room does not know drones.
 

@@ -59,6 +59,35 @@ impl ExogenousInputs {
 ///   that effect is on; with [`with_injections`](Self::with_injections) what is added to the commands, then what is added
 ///   to the measured state. [`write_input`](Self::write_input) fills it.
 /// - Parameters: with [`with_physics`](Self::with_physics) the plant's, then with [`with_gains`](Self::with_gains) the law's.
+///
+/// The gradient of a second of flight by the gains ([`Rollout`](autodiff::Rollout)); a reference's position begins the input:
+///
+/// ```
+/// # use omnidrones_controllers::omnidrones;
+/// use omnidrones::autodiff::{Objective, Rollout, Scalar, System};
+/// use omnidrones::controllers::{ClosedLoop, Rates, Reference, Target, start_on};
+/// use omnidrones::dynamics::{Disturbance, Physics, vehicles};
+///
+/// struct Tracking;
+/// impl Objective for Tracking {
+///     fn stage<S: Scalar>(&self, x: &[S], u: &[S], _: &[S]) -> S {
+///         (0..3).fold(S::zero(), |sum, k| sum + (x[k] - u[k]).square())
+///     }
+/// }
+///
+/// let drone = vehicles::by_name("hummingbird")?;
+/// let closed = ClosedLoop::of_vehicle(&drone, Physics::default(), &drone.gains(), &Rates::default())?.with_gains();
+/// let lemniscate = Reference::by_name("lemniscate")?;
+/// let start = closed.initial_state(&start_on(closed.plant(), closed.controller(), &lemniscate)?);
+/// let mut inputs = vec![0.0; 500 * closed.n_input()];
+/// for (k, row) in inputs.chunks_exact_mut(closed.n_input()).enumerate() {
+///     closed.write_input(k as u64, Target::level(&lemniscate), &Disturbance::none(), row);
+/// }
+/// let gains = closed.parameters();
+/// let (cost, gradient) = Rollout::new(closed, Tracking)?.gradient(&start, &inputs, &gains);
+/// assert!(cost > 0.0 && gradient.parameters.iter().any(|g| *g < 0.0)); // some gain is better greater
+/// # Ok::<(), omnidrones::error::Error>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct ClosedLoop<C = Box<dyn Controller>> {
     plant: Plant,

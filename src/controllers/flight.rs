@@ -240,7 +240,7 @@ fn check_memory(plan: &FlightPlan, n_step: u64, plant: &Plant) -> Result<()> {
 /// # Errors
 /// [`Error::Value`] or [`Error::Limit`] if the plan is not valid, or not for this plant and this controller: other physics
 /// (but for the effect `disturbance`), other rates, wind without that effect, a tilt that is not held. As [`OnboardSensors::new`] for
-/// its sensors, and as [`check_start`] where the reference begins inside of something.
+/// its sensors, and as `check_start` where the reference begins inside of something.
 pub fn fly(
     plant: &Plant,
     controller: &mut dyn Controller,
@@ -270,7 +270,7 @@ pub fn fly_while(
 /// As [`fly`], from any state of the plant.
 ///
 /// # Errors
-/// As [`fly`]; [`Error::Value`] if the state is not finite or not of the plant's length; as [`check_start`].
+/// As [`fly`]; [`Error::Value`] if the state is not finite or not of the plant's length; as `check_start`.
 pub fn fly_from(
     plant: &Plant,
     controller: &mut dyn Controller,

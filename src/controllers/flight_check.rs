@@ -98,7 +98,7 @@ pub struct FlightCheck {
 /// Judges a flight of this plant; `ground` leaves it out where false.
 ///
 /// # Errors
-/// As [`vehicle_in`].
+/// As `vehicle_in`.
 pub fn check_flight(plant: &Plant, flight: &Flight, ground: bool) -> Result<FlightCheck> {
     let bodies = bodies_of(plant)?;
     let heights: Vec<f64> =

@@ -2,46 +2,46 @@
 //!
 //! | file | idea |
 //! |---|---|
-//! | [`kinematics`] | the state a controller sees |
-//! | [`hover_axes`] | the axes in which a vehicle hovers level |
+//! | `kinematics`: [`Kinematics`] | the state a controller sees |
+//! | `hover_axes`: [`HoverAxes`] | the axes in which a vehicle hovers level |
 //! | [`mod@reference`] | hover, step, circle, lemniscate, waypoints, with exact derivatives up to snap |
-//! | [`parameters`] | gains, body and limits as scalars, so that they can be traced, dual or per lane |
-//! | [`position`] | position error → velocity command |
-//! | [`velocity`] | velocity command → thrust, attitude, and feed-forward rates by differential flatness |
-//! | [`attitude`] | attitude command → rate command |
-//! | [`rate`] | rate command → moments |
+//! | `parameters`: [`BodyModel`], [`CommandLimits`] | gains, body and limits as scalars, so that they can be traced, dual or per lane |
+//! | `position` | position error → velocity command |
+//! | `velocity`: [`VelocityCommand`] | velocity command → thrust, attitude, and feed-forward rates by differential flatness |
+//! | `attitude`: [`AttitudeCommand`], [`Orientation`] | attitude command → rate command |
+//! | `rate`: [`RateCommand`] | rate command → moments |
 //! | [`allocation`] | thrust and moments → rotor thrusts, by pseudo-inverse of the true geometry, yaw last |
-//! | [`six_axis`] | force and attitude independent of each other: pose → wrench |
+//! | `six_axis`: [`SixAxis`] | force and attitude independent of each other: pose → wrench |
 //! | `nominal_body` | a body under its rotors as a controller believes it to move |
 //! | `integral` | integral action: what the believed body misses, learnt and taken off |
-//! | `action` | the paper's action modes, bounded |
-//! | [`cascade`] | all levels together, each at its own rate, entered at any of them |
-//! | [`controller`] | what a controller is: a measurement and a target in, commands out |
-//! | [`law`] | straight-line controllers, over any scalar |
+//! | `action`: [`ActionScale`] | the paper's action modes, bounded |
+//! | `cascade`: [`Cascade`], [`CascadeMemory`] | all levels together, each at its own rate, entered at any of them |
+//! | `controller`: [`Controller`], [`Measurement`] | what a controller is: a measurement and a target in, commands out |
+//! | `law`: [`ControlLaw`], [`LawController`] | straight-line controllers, over any scalar |
 //! | [`linear`] | linear systems: state space, responses, margins |
-//! | `cascade_law` | the cascade as such a law |
+//! | `cascade_law`: [`CascadeLaw`] | the cascade as such a law |
 //! | [`registry`] | which controller flies what |
-//! | [`closed_loop`] | a plant under a controller: latency, disturbances, injections, failures |
+//! | `closed_loop`: [`ClosedLoop`], [`ExogenousInputs`] | a plant under a controller: latency, disturbances, injections, failures |
 //! | `clocked_step` | the recorded step of a loop, compiled for each thing its clock says |
-//! | [`confidence`] | exact bounds of shares and quantiles |
-//! | [`monte_carlo`] | one loop over thousands of randomised plants |
-//! | [`recovery`] | from which starts a controller comes back, with confidence |
-//! | [`start`] | where flights and drops begin |
-//! | [`fault_tolerant`] | the cascade that flies on with the rotors that are left, yaw sacrificed first |
-//! | [`flight`] | a whole flight along a reference, logged |
-//! | [`formation`] | drones that hold their places and carry something together |
-//! | [`locked_joints`] | servos held at rest, flown as one rigid vehicle |
-//! | [`mod@vectored`] | thrusters that tilt: pose and shape of Omav, Dragon and their like |
-//! | [`chain_shape`] | the shape of a chain |
-//! | [`indi`] | flatness over incremental inversion of the dynamics, at the limits of the rotors |
+//! | `confidence`: [`Proportion`], [`Quantile`] | exact bounds of shares and quantiles |
+//! | `monte_carlo`: [`MonteCarlo`], [`MonteCarloDraw`] | one loop over thousands of randomised plants |
+//! | `recovery`: [`RecoveryCell`], [`RecoveryMap`] | from which starts a controller comes back, with confidence |
+//! | `start`: [`start_on()`] | where flights and drops begin |
+//! | `fault_tolerant`: [`FaultTolerant`] | the cascade that flies on with the rotors that are left, yaw sacrificed first |
+//! | `flight`: [`Flight`], [`FlightPlan`] | a whole flight along a reference, logged |
+//! | `formation`: [`FormationController`], [`FormationLaw`] | drones that hold their places and carry something together |
+//! | `locked_joints`: [`LockedJoints`] | servos held at rest, flown as one rigid vehicle |
+//! | `vectored`: [`Vectored`], [`vectored()`] | thrusters that tilt: pose and shape of Omav, Dragon and their like |
+//! | `chain_shape`: [`ChainShape`], [`ChainRamp`] | the shape of a chain |
+//! | `indi`: [`IndiLaw`] | flatness over incremental inversion of the dynamics, at the limits of the rotors |
 //! | `low_pass` | filters whose lags agree |
-//! | [`hover_feedback`] | LQR and LQI of one rigid vehicle about hover |
-//! | [`state_feedback`] | optimal feedback for a drone with swinging loads |
+//! | `hover_feedback`: [`HoverFeedback`], [`HoverWeights`] | LQR and LQI of one rigid vehicle about hover |
+//! | `state_feedback`: [`Lqr`], [`LqrWeights`] | optimal feedback for a drone with swinging loads |
 //! | `gimballed` | a drone on a cardan joint that pushes its carrier with a wanted force |
-//! | [`platform_controller`] | a frame under such drones, steered in six axes |
-//! | [`transport_controller`] | a load under drones on bars, its own pose tracked |
+//! | `platform_controller`: [`PlatformController`] | a frame under such drones, steered in six axes |
+//! | `transport_controller`: [`TransportController`], [`TiltLimits`] | a load under drones on bars, its own pose tracked |
 //! | `collision_parts` | what counts of what flies for the ground and for obstacles: shapes and rotor discs |
-//! | [`flight_check`] | what fails a flight however small its errors are: the ground, a load that turned over |
+//! | `flight_check`: [`FlightCheck`], [`Mishap`] | what fails a flight however small its errors are: the ground, a load that turned over |
 //! | [`design`] | Riccati equations, optimal feedback, tuning |
 //!
 //! At equal rates the four levels compose to the geometric law of Lee, Leok and McClamroch (2010), term by term:

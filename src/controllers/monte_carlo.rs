@@ -143,10 +143,11 @@ impl<'a, L: ControlLaw> MonteCarlo<'a, L> {
         &self,
         target: Target<'_>,
         start: &[f64],
-        (n_flight, n_step): (usize, u64),
+        n_flight_and_step: (usize, u64),
         draw: &(dyn Fn(&mut Stream, &mut MonteCarloDraw) + Sync),
         threads: &Threads,
     ) -> Result<Vec<MonteCarloResult>> {
+        let (n_flight, n_step) = n_flight_and_step;
         self.system.plant().check_state(start)?;
         let nominal =
             MonteCarloDraw { start: start.to_vec(), parameters: self.system.parameters(), air: Disturbance::none() };

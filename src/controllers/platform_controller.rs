@@ -117,7 +117,7 @@ pub(crate) fn is_platform(model: &Model) -> bool {
 }
 
 impl PlatformController {
-    /// With default [`Directions`]. Of `gains`, position and velocity are the frame's (its rotation gets the same poles),
+    /// With default `Directions`. Of `gains`, position and velocity are the frame's (its rotation gets the same poles),
     /// attitude and rate each drone's; without, the drones' are derived and the frame's follow by pole placement.
     ///
     /// # Errors

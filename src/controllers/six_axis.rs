@@ -25,7 +25,7 @@ pub type Wrench<S> = [S; 6];
 /// The parameters of the law, and its entry points.
 ///
 /// Each entry computes its level and those below at once. Who computes levels at different rates calls
-/// [`force`](Self::force), [`rate_command`] and [`rate`](Self::rate) one by one and holds what they said.
+/// [`force`](Self::force), `rate_command` and [`rate`](Self::rate) one by one and holds what they said.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SixAxis<S> {
     /// Mass, inertia, drag, gravity.

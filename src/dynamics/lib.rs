@@ -2,33 +2,33 @@
 //!
 //! | file | what |
 //! |---|---|
-//! | [`vehicle`] | a multirotor as plain data: parts, rotors, drag, gains |
+//! | `vehicle` | a multirotor as plain data: parts, rotors, drag, gains |
 //! | [`vehicles`] | the built-in ones, one file each |
 //! | `vehicle_file` | vehicles as TOML |
-//! | [`hover`] | attitude and thrusts at which force and moment vanish |
-//! | [`authority`] | what a vehicle's rotors can do: rank, weakest direction, axes that do not turn apart |
-//! | `plausibility` | what of a vehicle's numbers is probably not meant |
-//! | [`gains`] | gains derived from inertia and motor lag |
-//! | [`rotor`] | one rotor: command, lag, wrench, and the table of its numbers |
-//! | `domain` | what a physical number may be |
-//! | [`rigid`] | the rigid multirotor's equations, over any scalar |
-//! | [`integrate`] | RK4 and the semi-implicit step |
-//! | [`multirotor`] | vehicle + physics as a [`System`](autodiff::System) |
-//! | `plant` | such a vehicle or an articulated system, behind one type |
-//! | `frame` | where a body is and how it moves |
-//! | [`fleet`] | several multirotors in each other's downwash, as one system |
+//! | `hover`: [`HoverTrim`] | attitude and thrusts at which force and moment vanish |
+//! | `authority` | what a vehicle's rotors can do: rank, weakest direction, axes that do not turn apart |
+//! | `plausibility`: [`VehicleWarning`] | what of a vehicle's numbers is probably not meant |
+//! | `gains` | gains derived from inertia and motor lag |
+//! | `rotor` | one rotor: command, lag, wrench, and the table of its numbers |
+//! | `domain`: [`Domain`] | what a physical number may be |
+//! | `rigid`: [`Disturbance`], [`Effects`] | the rigid multirotor's equations, over any scalar |
+//! | `integrate`: [`Integrator`] | RK4 and the semi-implicit step |
+//! | `multirotor`: [`Multirotor`], [`Physics`] | vehicle + physics as a [`System`](autodiff::System) |
+//! | `plant`: [`Plant`], [`Quantity`] | such a vehicle or an articulated system, behind one type |
+//! | `frame`: [`Frame`] | where a body is and how it moves |
+//! | `fleet`: [`Fleet`], [`Downwash`] | several multirotors in each other's downwash, as one system |
 //! | [`tree`] | articulated systems: bodies in a tree, joints, drives, rotors |
 //! | [`assembly`] | vehicles and primitives joined into such a system |
 //! | [`configurations`] | the built-in ones, one file each |
 //! | [`contact`] | compliant contact with friction; distances between shapes |
 //! | [`aero`] | ground effect, downwash, wind |
-//! | [`batch`] | many environments in lanes |
+//! | `batch`: [`Breach`], [`StopReason`] | many environments in lanes |
 //! | [`shape`] | spheres, capsules and boxes: volume, inertia, pose |
-//! | `uneven_ground` | uneven ground: a slope with waves on it |
-//! | `mesh` | triangle meshes and height fields, which are only seen |
+//! | `uneven_ground`: [`UnevenGround`], [`GroundWave`] | uneven ground: a slope with waves on it |
+//! | `mesh`: [`Mesh`] | triangle meshes and height fields, which are only seen |
 //! | [`scene`] | ground, gates and obstacles; distance to them |
 //! | [`sensors`] | what vehicles sense: parts with their errors, and rays at a scene |
-//! | [`spatial`] | vectors and quaternions over any scalar |
+//! | `spatial` | vectors and quaternions over any scalar |
 
 pub mod aero;
 pub mod assembly;

@@ -143,7 +143,7 @@ impl Multirotor {
     }
 
     /// Nominal physical parameters, `[20 + 16 n]` in SI units: gravity, mass, center_of_mass 3, inertia xx yy zz xy xz yz, linear,
-    /// quadratic and angular drag 3 each, then sixteen per rotor ([`parameter_vector`]).
+    /// quadratic and angular drag 3 each, then sixteen per rotor (`parameter_vector`).
     pub fn parameters(&self) -> Vec<f64> {
         parameter_vector(&self.vehicle)
     }

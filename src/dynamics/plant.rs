@@ -135,7 +135,7 @@ impl Plant {
         }
     }
 
-    /// Nominal physical parameters, SI: [`rigid::parameter_vector`] of a vehicle, [`tree::model_parameters`] of a model.
+    /// Nominal physical parameters, SI: `rigid::parameter_vector` of a vehicle, `tree::model_parameters` of a model.
     pub fn parameters(&self) -> Vec<f64> {
         match self {
             Self::Rigid(m) => m.parameters(),

@@ -81,7 +81,7 @@ pub(crate) struct Motors<S> {
 }
 
 impl<S: Scalar> Motors<S> {
-    /// From the numbers of a rotor ([`ROTOR_PARAMETERS`]), for substeps of `substep` seconds.
+    /// From the numbers of a rotor (`ROTOR_PARAMETERS`), for substeps of `substep` seconds.
     #[inline(always)]
     pub(crate) fn new(p: &[S], substep: f64) -> Self {
         let [up, down] = [p[at::time_constant_up], p[at::time_constant_down]];
@@ -188,7 +188,7 @@ impl<S: Scalar> RotorModel<S> {
         }
     }
 
-    /// From its numbers ([`ROTOR_PARAMETERS`]), about a reference point at `origin`.
+    /// From its numbers (`ROTOR_PARAMETERS`), about a reference point at `origin`.
     #[inline(always)]
     pub(crate) fn new(p: &[S], origin: Vec3<S>, radius: f64) -> Self {
         let hub = sub([p[at::position_x], p[at::position_y], p[at::position_z]], origin);

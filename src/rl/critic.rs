@@ -31,7 +31,7 @@ impl Critic {
     /// From `n_in` numbers, for minibatches of up to `rows` rows within `limit` bytes.
     ///
     /// # Errors
-    /// As [`Mlp::new`] and [`Minibatch::new`].
+    /// As `Mlp::new` and [`Minibatch::new`].
     pub fn new(
         n_in: usize,
         layers: &Layers,

@@ -95,7 +95,7 @@ impl Experience {
     /// Of these shards, flown by a network like `actor`; `discount` is γ of what paths add up.
     ///
     /// # Errors
-    /// As [`ReplayCode::of`].
+    /// As `ReplayCode::of`.
     pub fn new(
         shards: Vec<Shard>,
         actor: &dyn Network,

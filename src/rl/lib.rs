@@ -14,28 +14,28 @@
 //! | [`dqn`] | values of discrete actions; VDN and QMIX are settings of it |
 //! | [`algorithm`] | which algorithms there are, and how to add one's own |
 //! | `config`, [`recipes`] | what a run is made of, and what proved good for each task |
-//! | `config_diff` | in which settings two runs differ |
-//! | [`trainer`] | the loop: update, log, evaluate, save, resume |
+//! | `config_diff`: [`ConfigDifference`] | in which settings two runs differ |
+//! | `trainer`: [`Trainer`], [`RunProgress`] | the loop: update, log, evaluate, save, resume |
 //! | [`runs`] | several runs side by side, and what seeds say together |
 //! | [`search`] | which settings are best, by successive halving |
-//! | `evaluate` | a policy on fixed starts that no training saw |
+//! | `evaluate`: [`evaluate()`], [`Starts`] | a policy on fixed starts that no training saw |
 //! | [`log`], `tensorboard` | the course of a run, as lines and for TensorBoard |
-//! | [`policy`] | what was learnt |
-//! | [`checkpoint`] | files that survive a kill |
+//! | `policy`: [`Policy`], [`Actor`] | what was learnt |
+//! | `checkpoint`: [`SkippedCheckpoint`], [`Tensors`] | files that survive a kill |
 //! | [`planner`] | what can be flown at all, by plans through the simulator |
 //! | [`refine`] | how much more return an episode held than a policy took from it |
-//! | [`parts`] | what algorithms are built of, for one's own |
+//! | `parts` | what algorithms are built of, for one's own |
 //! | `learner`, `checks` | what all algorithms have in common |
-//! | [`nn`] | networks, distributions, Adam |
+//! | `nn`: [`Activation`], [`AdamConfig`] | networks, distributions, Adam |
 //! | `window`, `window_run` | a window of steps and its exact gradient; what runs of APG and SHAC share |
 //! | `shards` | a batch cut into parts that one thread steps |
-//! | [`state`] | their state in checkpoints |
+//! | `state` | their state in checkpoints |
 //! | `minibatch`, `critic` | the gradient of a sum over rows; a value function |
 //! | [`actor_critic`] | what SAC and TD3 share |
-//! | [`replay`], `priorities`, `experience` | steps that are kept, how often they are drawn, who flies and draws them |
+//! | `replay`, `priorities`, `experience` | steps that are kept, how often they are drawn, who flies and draws them |
 //! | `target_network` | a network with the one that follows it |
 //! | `sequences`, `recall` | the gradient through time; what policies with memory remember |
-//! | `gae`, `value_loss`, `value_norm`, [`schedule`] | advantages, losses and scales of values, rates |
+//! | `gae`, `value_loss`, `value_norm`, `schedule` | advantages, losses and scales of values, rates |
 //!
 //! ```
 //! # use omnidrones_rl::omnidrones;

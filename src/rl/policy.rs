@@ -61,7 +61,7 @@ impl Actor {
     /// For one agent of an environment. With `squashed`, outputs of continuous actions pass tanh.
     ///
     /// # Errors
-    /// As [`Mlp::new`], [`Spec::group`] and [`Encoder::network`]; [`Error::Value`] for layers with
+    /// As `Mlp::new`, [`Spec::group`] and [`Encoder::network`]; [`Error::Value`] for layers with
     /// a memory: see [`Actor::with_memory`].
     pub fn new(spec: &Spec, layers: &Layers, squashed: bool) -> Result<Self> {
         if layers.memory.is_some() {
@@ -71,7 +71,7 @@ impl Actor {
         Self::with_memory(spec, layers, squashed)
     }
 
-    /// As [`Actor::new`] for learners that hand on what is remembered ([`Network::n_state`]).
+    /// As [`Actor::new`] for learners that hand on what is remembered (`Network::n_state`).
     ///
     /// # Errors
     /// As there, but for layers with a memory.

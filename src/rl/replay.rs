@@ -102,7 +102,7 @@ impl ReplayConfig {
     /// Whether the rings of `n` shards like the one of `spec` fit, twice: a checkpoint is made of a copy.
     ///
     /// # Errors
-    /// [`Error::Limit`] if they do not; as [`ReplayCode::of`].
+    /// [`Error::Limit`] if they do not; as `ReplayCode::of`.
     pub fn fits(&self, spec: &Spec, n: usize, central: bool) -> Result<()> {
         let rows = self.slots(spec.n_env * n) as u128 * (spec.n_env * n) as u128;
         let widths = Widths::of(spec, central);

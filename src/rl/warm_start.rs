@@ -56,7 +56,7 @@ impl WarmStart {
     /// weights.
     ///
     /// # Errors
-    /// As [`Network::from_parts`].
+    /// As `Network::from_parts`.
     pub fn at(actor: &Actor, parameters: &[f32], env: &Env) -> Result<Self> {
         let (spec, n) = (env.spec(), actor.n_action());
         let has = |agent: usize, k: usize| k < spec.n_action_of(agent);

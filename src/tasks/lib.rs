@@ -3,22 +3,22 @@
 //! | file | what |
 //! |---|---|
 //! | [`registry`] | the built-in tasks by name, one line each |
-//! | [`suite`] | the tasks of the benchmark, one file each |
-//! | `task` | [`Task`]: what a task is; what it is shown ([`View`]) and where episodes begin ([`Start`]) |
-//! | [`declare`] | [`Writer`]: numbers with their names beside them |
-//! | [`task_spec`] | [`TaskSpec`]: names, sizes, units and bounds of what a task writes |
+//! | `suite` | the tasks of the benchmark, one file each |
+//! | `task`: [`HostStart`], [`TaskReference`] | [`Task`]: what a task is; what it is shown ([`View`]) and where episodes begin ([`Start`]) |
+//! | `declare`: [`Ends`], [`Goal`] | [`Writer`]: numbers with their names beside them |
+//! | `task_spec`: [`End`], [`Field`] | [`TaskSpec`]: names, sizes, units and bounds of what a task writes |
 //! | `any_task` | lets a task declare itself |
-//! | [`settings`](mod@settings) | `settings!`: what `[task]` sets, each number stated once |
-//! | [`robot`] | [`Robot`]: what flies, its drones and where their numbers stand |
+//! | [`settings!`](crate::settings!) | `settings!`: what `[task]` sets, each number stated once |
+//! | `robot` | [`Robot`]: what flies, its drones and where their numbers stand |
 //! | [`reward`], `track_path` | shapes that rewards are made of; the lemniscate of the Track tasks |
-//! | [`config`] | [`EnvConfig`]: a batch as plain data, in TOML too |
-//! | [`bounds`] | [`Bounds`]: how far a simulation may go |
-//! | `env` | [`Env`]: many environments of one task; steps, restarts, gradients |
-//! | [`observation`] | [`ObservationTransform`]: history, noise, normalisation, privileged numbers, by name |
-//! | [`randomise`] | [`Randomisation`]: what differs between environments and episodes |
+//! | `config`: [`ActionSpace`], [`Autoreset`] | [`EnvConfig`]: a batch as plain data, in TOML too |
+//! | `bounds` | [`Bounds`]: how far a simulation may go |
+//! | `env`: [`Finding`], [`SingleEnv`] | [`Env`]: many environments of one task; steps, restarts, gradients |
+//! | `observation`: [`Statistics`] | [`ObservationTransform`]: history, noise, normalisation, privileged numbers, by name |
+//! | `randomise`: [`Distribution`], [`RandomisationOperation`] | [`Randomisation`]: what differs between environments and episodes |
 //! | `baseline` | [`Baseline`]: the library's controllers as policies |
 //! | `evaluate`, `record` | how well a policy does, from fixed starts; step by step |
-//! | [`probe`] | tasks whose value is known in closed form |
+//! | `probe` | tasks whose value is known in closed form |
 //!
 //! What every number means (arrays, frames, actions, the order within a step, what to bootstrap from) is said in
 //! `conventions`.
@@ -45,7 +45,7 @@
 //!
 //! # Adding a task
 //!
-//! A struct that implements [`Task`] and [`BuiltIn`], in a file of its own in [`suite`], and one line of the
+//! A struct that implements [`Task`] and [`BuiltIn`], in a file of its own in `suite`, and one line of the
 //! [`registry`]: `entry::<Climb>("Climb", ONE_DRONE, "rise to a height")`. The tests that loop over the registry then hold its
 //! contract, its gradients, its bounds and its success. Outside the crate the struct alone is enough. What it writes it names
 //! in the same breath; that is all of its documentation, its layout and its infos:
@@ -182,7 +182,7 @@ pub use observation::{ObservationTransform, Statistics};
 pub use randomise::{Distribution, Randomisation, RandomisationOperation, RandomisationTime, RandomisedQuantity};
 pub use record::{Record, RecordedStep, Spread};
 pub use registry::BuiltIn;
-pub use robot::Robot;
+pub use robot::{Inertial, Robot};
 pub use settings::{Setting, SettingDomain, Settings};
 pub use start::{ANY_YAW, Draw, Draws, START_TILT, Start, StartScalar};
 pub use task::{HostStart, Task, TaskReference, View};

@@ -94,7 +94,7 @@ pub struct Robot {
 }
 
 impl Robot {
-    /// A vehicle alone; build it with [`benchmark`] for the benchmark's physics.
+    /// A vehicle alone; build it with `benchmark` for the benchmark's physics.
     ///
     /// # Errors
     /// As [`Plant::of_vehicle`] and [`Plant::hover_state`].

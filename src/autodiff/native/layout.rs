@@ -58,7 +58,7 @@ impl RowLayout {
     ///
     /// # Errors
     /// [`Error::Value`] where two results share a place, [`Error::Limit`] for an array above 5 and for a row of 2²² or above
-    /// ([`MAX_ROWS`]).
+    /// (`MAX_ROWS`).
     pub fn new(arguments: Vec<Place>, results: Vec<Place>) -> Result<Self> {
         let places = || arguments.iter().chain(&results);
         let n_array = places().map(|place| usize::from(place.array) + 1).max().unwrap_or(0);

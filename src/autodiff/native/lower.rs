@@ -166,7 +166,7 @@ pub(super) struct Lowered {
     pub(super) tape: Tape,
 }
 
-/// Lowers a program and the functions that it calls, behind it by their numbers; unless they have more than [`MAX_STEPS`].
+/// Lowers a program and the functions that it calls, behind it by their numbers; unless they have more than `MAX_STEPS`.
 pub(super) fn lower(form: &ValueForm, element: Element) -> Option<Vec<Lowered>> {
     let functions = form.functions();
     let mut n_step = 0;

@@ -78,9 +78,9 @@ pub enum WhyInterpreted {
     /// The system gave no executable memory.
     #[cfg(target_os = "linux")]
     Refused(rustix::io::Errno),
-    /// More than 2²⁰ values, numbers of calls or results, or than 2²² rows ([`MAX_STEPS`], [`MAX_ROWS`]).
+    /// More than 2²⁰ values, numbers of calls or results, or than 2²² rows (`MAX_STEPS`, `MAX_ROWS`).
     TooLarge,
-    /// Code of this process takes 512 MiB ([`MAX_CODE`]).
+    /// Code of this process takes 512 MiB (`MAX_CODE`).
     Full,
 }
 

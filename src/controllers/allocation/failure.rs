@@ -102,7 +102,7 @@ pub enum Capability {
     YawSacrificed,
     /// Thrust, roll and pitch while it turns fast enough about an axis beside its thrust: [`Spin`].
     Spinning,
-    /// Not even those by more than [`LEAST_MARGIN`], and no turn that carries it was found: turns about axes near a principal one are
+    /// Not even those by more than `LEAST_MARGIN`, and no turn that carries it was found: turns about axes near a principal one are
     /// sought, so that there may be others.
     None,
 }
@@ -143,7 +143,7 @@ impl Assessment {
     /// Of a vehicle whose rotor i has effectiveness `health[i]`, 0 (stopped) to 1 (whole).
     ///
     /// # Errors
-    /// As [`problem`] and [`AttainableWrenches::of`].
+    /// As `problem` and [`AttainableWrenches::of`].
     pub fn of(vehicle: &Vehicle, health: &[f64]) -> Result<Self> {
         let vehicle = &vehicle.upright();
         let problem = problem(vehicle, health)?;

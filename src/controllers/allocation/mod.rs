@@ -2,23 +2,23 @@
 //!
 //! | file | idea |
 //! |---|---|
-//! | `articulated` | what the rotors of a system of many bodies can do in its present shape |
-//! | [`pseudo_inverse`] | the mixer: least thrusts, clipped, yaw last |
-//! | [`problem`] | the bounded problem: quadratic cost, bounds, cones |
-//! | `allocator` | its solvers behind one interface, with certificate, fallback and counts |
+//! | `articulated`: [`composite_inertia()`], [`resistance()`] | what the rotors of a system of many bodies can do in its present shape |
+//! | `pseudo_inverse`: [`Mixer`], [`allocate()`] | the mixer: least thrusts, clipped, yaw last |
+//! | `problem`: [`Problem`], [`Affine`] | the bounded problem: quadratic cost, bounds, cones |
+//! | `allocator`: [`Allocator`], [`AllocationSolution`] | its solvers behind one interface, with certificate, fallback and counts |
 //! | `fast` | its fast paths and their gradient |
 //! | `side_by_side` | the same for eight wrenches at once, as machine code |
-//! | [`active_set`] | bounds: exact and fast, branch-free |
-//! | [`conic`] | cones: clarabel |
-//! | [`function`] | an answer with its derivative, called by kernels of any scalar |
-//! | [`batch`] | many environments in lanes |
-//! | [`prioritised`] | priorities without weights |
-//! | [`null_space`] | of all inputs that make a wrench, those nearest to a goal |
-//! | [`residual`](mod@residual) | the certificate |
-//! | [`gradient`], `variation` | exact derivatives of an answer with respect to every number |
-//! | [`attainable_wrench`] | how far a wrench lies inside what bounded inputs can deliver |
-//! | [`failure`] | what is left of a vehicle after each loss of a rotor |
-//! | `spin` | the steady turn that carries what cannot hover at rest |
+//! | `active_set` | bounds: exact and fast, branch-free |
+//! | `conic` | cones: clarabel |
+//! | `function`: [`AllocationFunction`] | an answer with its derivative, called by kernels of any scalar |
+//! | `batch`: [`BatchAllocator`], [`BatchReport`] | many environments in lanes |
+//! | `prioritised`: [`PrioritisedAllocator`], [`PrioritisedCounts`] | priorities without weights |
+//! | `null_space`: [`NullSpaceAllocator`] | of all inputs that make a wrench, those nearest to a goal |
+//! | `residual` | the certificate |
+//! | `gradient`, `variation` | exact derivatives of an answer with respect to every number |
+//! | `attainable_wrench`: [`AttainableWrenches`], [`Facet`] | how far a wrench lies inside what bounded inputs can deliver |
+//! | `failure`: [`Assessment`], [`Capability`] | what is left of a vehicle after each loss of a rotor |
+//! | `spin`: [`Spin`] | the steady turn that carries what cannot hover at rest |
 
 #[doc(hidden)]
 pub mod active_set;

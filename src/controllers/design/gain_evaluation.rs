@@ -24,7 +24,7 @@ pub struct GainEvaluation {
     pub rmse: f64,
     /// Largest of them; infinite where all crashed.
     pub worst: f64,
-    /// Flights that diverged or left the reference by more than 5 m ([`CRASH_DISTANCE`]).
+    /// Flights that diverged or left the reference by more than 5 m (`CRASH_DISTANCE`).
     pub crashed: usize,
     /// Flights.
     pub n: usize,
@@ -62,7 +62,7 @@ impl GainEvaluation {
     }
 }
 
-/// How much later commands act [`elsewhere`], s.
+/// How much later commands act `elsewhere`, s.
 const LATE: f64 = 0.01;
 
 /// Flies given gains where they are not tuned: the first of circle, lemniscate and step that is no reference of the plan,

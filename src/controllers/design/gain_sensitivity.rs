@@ -31,7 +31,7 @@ pub struct GainSensitivity {
 /// # Errors
 /// [`Error::Limit`] for more than `MAX_STEPS` steps or a step too large to record; [`Error::Value`] if vehicle, gains or
 /// plan are not valid, a gain is 0 (its logarithm has no derivative), or a rotor fails (the control law switches).
-pub fn sensitivity(vehicle: &Vehicle, gains: &Gains, plan: &FlightPlan) -> Result<GainSensitivity> {
+pub fn gain_sensitivity(vehicle: &Vehicle, gains: &Gains, plan: &FlightPlan) -> Result<GainSensitivity> {
     let steps = plan.n_step()?;
     if !plan.failures.is_empty() {
         let (what, remedy) = ("plan: failures", "Differentiate the flight of the whole vehicle.");

@@ -39,16 +39,32 @@ const UNHEARD: f64 = 1e-12;
 /// Where a loop is opened.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AnalysisPoint {
-    /// One command, by its number, between controller and plant.
+    /// One command, by its number, between controller and plant: of a vehicle one rotor's. Where all turn one axis, open its measurement.
     Command(usize),
     /// All commands at once.
     Commands,
-    /// One number of the error state that the controller sees: of a rigid vehicle position, velocity, rotation vector and body
-    /// rate, three each.
+    /// One number of the error state that the controller sees: of a rigid vehicle position 0 to 2 and velocity 3 to 5 (world),
+    /// rotation vector 6 to 8 and rate 9 to 11 (body).
     Measurement(usize),
 }
 
 /// A loop about a steady flight.
+///
+/// ```
+/// # use omnidrones_controllers::omnidrones;
+/// use omnidrones::controllers::design::{AnalysisPoint, LoopModel};
+/// use omnidrones::controllers::{ClosedLoop, Rates, Reference, Target, start_on};
+/// use omnidrones::dynamics::{Disturbance, Physics, vehicles};
+///
+/// let iris = vehicles::by_name("iris")?;
+/// let closed = ClosedLoop::of_vehicle(&iris, Physics::default(), &iris.gains(), &Rates::default())?;
+/// let hover = Reference::by_name("hover")?;
+/// let start = start_on(closed.plant(), closed.controller(), &hover)?;
+/// let model = LoopModel::of_vehicle(closed, Target::level(&hover), &Disturbance::none(), &start)?;
+/// let pitch = model.margins(AnalysisPoint::Measurement(7))?; // rotation vector about body y
+/// assert!(pitch.phase.to_degrees() > 30.0 && pitch.gain_up > 2.0);
+/// # Ok::<(), omnidrones::error::Error>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct LoopModel {
     /// The time between two steps, s.
@@ -431,7 +447,7 @@ pub struct LoopMargins {
     pub gain_down: f64,
     /// Phase, rad, the lesser of both directions; infinite where none ends stability.
     pub phase: f64,
-    /// Whole steps of delay that end stability, s; infinite beyond 128.
+    /// Least delay that ends stability, in whole steps of the loop but told in s; infinite beyond 128 steps.
     pub delay: f64,
     /// Gain and phase at once.
     pub disk: DiskMargin,

@@ -3,19 +3,19 @@
 //! | file | idea |
 //! |---|---|
 //! | [`riccati`] | Riccati and Lyapunov equations by doubling |
-//! | [`error_state`] | linearisations without the redundancy of quaternions |
+//! | `error_state`: [`ErrorState`] | linearisations without the redundancy of quaternions |
 //! | `gain_evaluation` | how tuned gains fare where they were not tuned |
-//! | [`loop_model`] | the linear model of a loop that is flown, its margins at any point |
+//! | `loop_model`: [`LoopModel`], [`AnalysisPoint`] | the linear model of a loop that is flown, its margins at any point |
 //! | `margin_constraint` | such a gate while gains are tuned |
-//! | [`margin_gate`] | what a controller has to bear: margins in winds, on plants not as believed |
-//! | [`mod@lqr`] | state feedback of least cost, with integrators or over a finite time, weights by Bryson's rule |
-//! | [`mod@feed_forward`] | feed-forward along smooth references |
-//! | [`flight_grid`] | circles on a grid of acceleration and speed, half to tune on, half to judge on |
-//! | [`gain_sensitivity`] | how the error of one flight depends on each gain |
-//! | [`mod@robustness`] | a box of plants: the share of stable ones, the least margin in it |
-//! | `stability` | whether a loop settles, grows, or neither |
-//! | [`mod@trim`] | steady flights: hover, forward flight, turns, spins |
-//! | `tune_plan`, [`mod@tune`] | what gains are tuned on; gains by descent on flights |
+//! | `margin_gate`: [`MarginGate`], [`Corner`] | what a controller has to bear: margins in winds, on plants not as believed |
+//! | `lqr`: [`lqr()`], [`FiniteHorizon`] | state feedback of least cost, with integrators or over a finite time, weights by Bryson's rule |
+//! | `feed_forward`: [`FeedForward`], [`feed_forward()`] | feed-forward along smooth references |
+//! | `flight_grid`: [`FlightGrid`], [`GridCell`] | circles on a grid of acceleration and speed, half to tune on, half to judge on |
+//! | `gain_sensitivity`: [`GainSensitivity`], [`gain_sensitivity()`] | how the error of one flight depends on each gain |
+//! | `robustness`: [`Robustness`], [`robustness()`] | a box of plants: the share of stable ones, the least margin in it |
+//! | `stability`: [`Stability`] | whether a loop settles, grows, or neither |
+//! | `trim`: [`Trim`], [`trim()`] | steady flights: hover, forward flight, turns, spins |
+//! | `tune_plan`, `mod@tune` | what gains are tuned on; gains by descent on flights |
 //! | `tuned_loop` | those flights: the loop over ln K, starts, plants |
 
 #[doc(hidden)]
@@ -48,7 +48,7 @@ mod tuned_loop;
 pub use error_state::ErrorState;
 pub use feed_forward::{FeedForward, feed_forward};
 pub use flight_grid::{FlightGrid, GridCell};
-pub use gain_sensitivity::{GainSensitivity, sensitivity};
+pub use gain_sensitivity::{GainSensitivity, gain_sensitivity};
 pub use loop_model::{AnalysisPoint, LoopMargins, LoopModel};
 pub use lqr::{FiniteHorizon, Regulator, bryson, finite_horizon, lqi, lqi_of, lqr, lqr_of};
 #[doc(hidden)]

@@ -122,11 +122,12 @@ pub struct Robustness {
 pub fn robustness(
     vehicle: &Vehicle,
     gains: &Gains,
-    (physics, rates): (&Physics, &Rates),
-    (latency, air): (usize, &Disturbance<f64>),
+    physics_and_rates: (&Physics, &Rates),
+    latency_and_air: (usize, &Disturbance<f64>),
     plants: &PlantUncertainty,
     threads: &Threads,
 ) -> Result<Robustness> {
+    let ((physics, rates), (latency, air)) = (physics_and_rates, latency_and_air);
     plants.validate()?;
     // what cannot fly at all is told before it is judged
     CascadeLaw::new(vehicle, physics, gains, rates)?;

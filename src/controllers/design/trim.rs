@@ -66,7 +66,7 @@ pub struct Trim {
     pub input: Vec<f64>,
     /// Rate about the vertical, rad/s.
     pub yaw_rate: f64,
-    /// The largest rate of change that is left (see [`STEADY`]).
+    /// The largest rate of change that is left (see `STEADY`).
     pub residual: f64,
     /// Commands that stand at a limit: places in the input.
     pub limited: Vec<usize>,

@@ -67,9 +67,9 @@ pub struct Tuning {
     pub references: Vec<AlongReference>,
     /// Where references are held out: all flights along them with the gains it started from, and with the best.
     pub held_out: Option<[GainEvaluation; 2]>,
-    /// [`elsewhere`] with the gains it started from.
+    /// `elsewhere` with the gains it started from.
     pub elsewhere_before: GainEvaluation,
-    /// [`elsewhere`] with the best gains.
+    /// `elsewhere` with the best gains.
     pub elsewhere_after: GainEvaluation,
     /// Margins of all commands at hover with the gains it started from, and with the best.
     pub margins: [LoopMargins; 2],

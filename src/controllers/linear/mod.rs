@@ -2,16 +2,16 @@
 //!
 //! | file | idea |
 //! |---|---|
-//! | [`state_space`] | x' = A x + B u, y = C x + D u with named signals; connections |
-//! | [`sampling`] | hold equivalents, Tustin's substitution and its inverse |
-//! | [`mod@modes`] | poles, zeros, damping, time constants, who takes part |
-//! | [`structure`] | what inputs do not reach and outputs do not show; minimal realisations |
-//! | [`response`] | over frequency and over time; figures of a step |
-//! | [`mod@margins`] | gain, phase and delay margins of one loop |
-//! | [`norms`] | peaks over frequency (H∞), energy of the impulse response (H₂) |
-//! | [`disk`] | disk margins, of one loop and of several at once |
+//! | `state_space`: [`StateSpace`], [`Signal`] | x' = A x + B u, y = C x + D u with named signals; connections |
+//! | `sampling`: [`Hold`] | hold equivalents, Tustin's substitution and its inverse |
+//! | `modes`: [`modes()`], [`Mode`] | poles, zeros, damping, time constants, who takes part |
+//! | `structure`: [`HiddenModes`], [`minimal()`] | what inputs do not reach and outputs do not show; minimal realisations |
+//! | `response`: [`FrequencyResponse`], [`StepFigures`] | over frequency and over time; figures of a step |
+//! | `margins`: [`Margins`], [`margins()`] | gain, phase and delay margins of one loop |
+//! | `norms`: [`PeakGain`], [`h_infinity()`] | peaks over frequency (H∞), energy of the impulse response (H₂) |
+//! | `disk`: [`DiskMargin`], [`disk_margin()`] | disk margins, of one loop and of several at once |
 //! | `swept` | one system at many frequencies |
-//! | `dense` | eigenvalues and singular values, from faer |
+//! | `dense`: [`eigenvalues()`], [`spectral_radius()`] | eigenvalues and singular values, from faer |
 
 pub(crate) mod dense;
 #[doc(hidden)]

@@ -2,9 +2,9 @@
 //!
 //! | file | what | where it acts |
 //! |---|---|---|
-//! | [`wind`] | velocity of the air: constant, sinusoidal, Dryden gusts | subtracted from the velocity in every drag |
-//! | [`downwash`] | push of another vehicle's wake | force on the base |
-//! | [`ground_effect`] | more thrust close to the ground | factor on each rotor's thrust |
+//! | `wind` | velocity of the air: constant, sinusoidal, Dryden gusts | subtracted from the velocity in every drag |
+//! | `downwash` | push of another vehicle's wake | force on the base |
+//! | `ground_effect` | more thrust close to the ground | factor on each rotor's thrust |
 //!
 //! Drag of body and rotors belongs to the vehicle's equations, not here.
 

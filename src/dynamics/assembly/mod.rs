@@ -8,7 +8,7 @@
 //! | `connect` | parts and joints as a tree, or an error that names what is not one |
 //! | `emit` | the tree as bodies: welded parts merged, universal joints split |
 //! | `servo_gains` | gains of servos and stops from the inertia that a joint feels |
-//! | [`group`](mod@group) | several models as one |
+//! | [`group()`] | several models as one |
 //!
 //! ```
 //! # use omnidrones_dynamics::omnidrones;

@@ -55,7 +55,7 @@ pub struct RigidPlant {
     steps: Steps,
 }
 
-/// An articulated system. Numbers are those of [`model_parameters`].
+/// An articulated system. Numbers are those of `model_parameters`.
 #[derive(Debug, Clone)]
 pub struct TreePlant {
     topology: Topology,
@@ -412,7 +412,7 @@ impl BatchPlant {
 }
 
 impl RigidPlant {
-    /// The model's numbers of a vector of [`parameter_vector`], one by one; allocates nothing.
+    /// The model's numbers of a vector of `parameter_vector`, one by one; allocates nothing.
     fn pack<S: Scalar>(&self, parameters: &[S], put: impl FnMut(S)) {
         pack(&RigidModel::from_parameters(parameters, &self.radii, self.physics.grid().substep), put);
     }

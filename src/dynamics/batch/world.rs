@@ -77,7 +77,7 @@ impl World {
     ///
     /// # Errors
     /// [`Error::Limit`] for no environment, and before any large allocation if the batch needs more than 8 GiB
-    /// ([`DEFAULT_MEMORY_LIMIT`]); [`Error::Value`] if the vehicle or the physics are not valid.
+    /// (`DEFAULT_MEMORY_LIMIT`); [`Error::Value`] if the vehicle or the physics are not valid.
     pub fn new(vehicle: &Vehicle, physics: Physics, n_env: usize) -> Result<Self> {
         Self::with_memory_limit(vehicle, physics, n_env, DEFAULT_MEMORY_LIMIT)
     }

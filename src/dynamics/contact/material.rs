@@ -20,7 +20,7 @@ use serde::{Deserialize, Serialize};
 /// points sink by 0.51 mm: ω = 170 rad/s, ω·dt = 0.34 at 2 ms, where RK4 is stable below 2.8 and accurate below 0.5.
 /// A lighter body sinks less and bobs faster on the same material: [`ContactMaterial::resting`] finds its stiffness. A
 /// [`Multibody`](crate::tree::Multibody) takes no more of it, nor of damping, than its substep resolves
-/// ([`check_contact`](crate::tree::check_contact)).
+/// (`tree::check_contact`).
 ///
 /// Impacts are stiffer than rest: from 1 m that body bounces at up to 400 rad/s. Friction damps slip at up to
 /// μ F_n/(m v_s), 8000/s with the default. A step of 2 ms does not resolve the latter, yet it gained at most 5e-5 J in

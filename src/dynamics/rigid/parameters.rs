@@ -69,7 +69,7 @@ body_parameters! {
     angular_drag_z: NonNegative, "a_z", "N m s", "moment per angular velocity, up";
 }
 
-/// Physical parameters of a vehicle as one vector, `BODY_PARAMETERS` then [`ROTOR_PARAMETERS`] per rotor: what
+/// Physical parameters of a vehicle as one vector, `BODY_PARAMETERS` then `ROTOR_PARAMETERS` per rotor: what
 /// derivatives with respect to physics are taken of, and what randomisation scales.
 pub fn parameter_vector(vehicle: &Vehicle) -> Vec<f64> {
     let total = vehicle.mass_properties();
@@ -84,19 +84,19 @@ pub fn parameter_vector(vehicle: &Vehicle) -> Vec<f64> {
     p
 }
 
-/// Names of the entries of [`parameter_vector`].
+/// Names of the entries of `parameter_vector`.
 pub fn parameter_names(vehicle: &Vehicle) -> Vec<String> {
     let body = BODY_PARAMETERS.iter().map(|own| own.name.to_string());
     body.chain(vehicle.rotors.iter().flat_map(Rotor::parameter_names)).collect()
 }
 
-/// What each entry of [`parameter_vector`] may be.
+/// What each entry of `parameter_vector` may be.
 pub fn parameter_domains(vehicle: &Vehicle) -> Vec<Domain> {
     let rotors = vehicle.rotors.iter().flat_map(|_| ROTOR_PARAMETERS.iter().map(|p| p.domain));
     BODY_PARAMETERS.iter().map(|own| own.domain).chain(rotors).collect()
 }
 
-/// The vehicle that a [`parameter_vector`] describes, as one part; names and whatever the vector leaves out are those of
+/// The vehicle that a `parameter_vector` describes, as one part; names and whatever the vector leaves out are those of
 /// `vehicle`. Gravity is [`GRAVITY`], whatever the vector says.
 ///
 /// # Errors

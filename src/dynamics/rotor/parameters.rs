@@ -71,7 +71,7 @@ rotor_parameters! {
 }
 
 impl Rotor {
-    /// Its numbers, SI, in the order of all vectors of parameters ([`ROTOR_PARAMETERS`]): position 3, axis 3, spin,
+    /// Its numbers, SI, in the order of all vectors of parameters (`ROTOR_PARAMETERS`): position 3, axis 3, spin,
     /// thrust_coefficient, moment_per_thrust, max_speed, time_constant_up, time_constant_down, inertia, drag_coefficient,
     /// axial_drag_coefficient, rolling_coefficient. The radius is not among them.
     pub fn parameters(&self) -> [f64; N_ROTOR_PARAMETER] {

@@ -23,7 +23,7 @@
 //! | `context` | what looks, from where, at what |
 //! | `solids` | bodies, and what stands around them, as rays hit them |
 //! | `kinds` | the kinds, one line each |
-//! | [`presets`] | real parts |
+//! | `presets` | real parts |
 //! | `limits`, `settings` | what numbers may be; `[[sensor]]` tables |
 //! | `onboard` | sensors on the bodies of a plant |
 //! | [`cast`] | rays: distances to a scene, pixel by pixel or beam by beam |

@@ -13,7 +13,7 @@ use base::error::{Error, Result};
 /// An articulated system of bodies, joints, drives and rotors.
 ///
 /// State and input: see [`Layout`](super::Layout). Parameters: none, or with [`Multibody::with_parameters`] the vector of
-/// [`model_parameters`].
+/// `model_parameters`.
 #[derive(Debug, Clone)]
 pub struct Multibody {
     model: Model,
@@ -47,7 +47,7 @@ impl Multibody {
         self
     }
 
-    /// Nominal physical parameters, SI: [`model_parameters`] of the model, whose names [`Plant::parameter_names`](crate::Plant) lists.
+    /// Nominal physical parameters, SI: `model_parameters` of the model, whose names [`Plant::parameter_names`](crate::Plant) lists.
     pub fn parameters(&self) -> &[f64] {
         &self.numbers
     }

@@ -1,6 +1,6 @@
 //! The physics of a model as one vector of numbers, and how kernels read it.
 //!
-//! Gravity first; then [`LINK_PARAMETERS`] per body, then [`ROTOR_PARAMETERS`]
+//! Gravity first; then [`LINK_PARAMETERS`] per body, then `ROTOR_PARAMETERS`
 //! per rotor, [`CONTACT_PARAMETERS`], the position of every shape that stands still in the world, and [`CABLE_PARAMETERS`] per cable. The first twenty entries of a one-body model are those of
 //! [`parameter_vector`](crate::rigid::parameter_vector). Rotations of joints, axes and topology are not
 //! numbers: they stay as they were built.
@@ -100,7 +100,7 @@ pub fn model_parameter_names(model: &Model) -> Vec<String> {
     first.chain(bodies).chain(rotors).chain(contact).chain(still).chain(cables).collect()
 }
 
-/// What each entry of [`model_parameters`] may be.
+/// What each entry of `model_parameters` may be.
 #[doc(hidden)]
 pub fn model_parameter_domains(model: &Model) -> Vec<Domain> {
     let of = |(_, domain): &(&str, Domain)| *domain;
@@ -120,7 +120,7 @@ pub fn model_parameter_domains(model: &Model) -> Vec<Domain> {
 
 /// A source of the numbers over a scalar: constants, parameters that derivatives are taken of, rows of a batch.
 pub(crate) trait ParameterView<S: Scalar>: Copy {
-    /// Number k of [`model_parameters`].
+    /// Number k of `model_parameters`.
     fn get(self, k: usize) -> S;
 
     #[inline]

@@ -1,6 +1,6 @@
 //! Wakes of drones: on each other, and on what has shapes and no rotors.
 //!
-//! The law is that of [`downwash`]; here is who pushes whom. Wakes are held through a substep as commands are.
+//! The law is that of `downwash`; here is who pushes whom. Wakes are held through a substep as commands are.
 
 use super::scratch::{BodyScratch, RotorScratch};
 use super::topology::{Load, Source, Topology};

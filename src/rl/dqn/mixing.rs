@@ -20,7 +20,7 @@ impl Mixing {
     /// For `agents` agents and `n_state` numbers of the state; none where every agent learns for itself.
     ///
     /// # Errors
-    /// As [`Mlp::new`].
+    /// As `Mlp::new`.
     pub fn new(mixer: ValueMixer, agents: usize, n_state: usize) -> Result<Option<Self>> {
         Ok(match mixer {
             ValueMixer::None => None,

@@ -6,7 +6,7 @@ use base::defaults::with_defaults;
 use serde::{Deserialize, Serialize};
 
 with_defaults! {
-    /// Numbers of the method; see [`Adam`].
+    /// Numbers of the method; see `Adam`.
     #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct AdamConfig {

@@ -133,7 +133,7 @@ impl Conv {
     /// Over the first two axes of `[height, width, channels]`.
     ///
     /// # Errors
-    /// As [`Conv::along`].
+    /// As `Conv::along`.
     pub fn over(image: [usize; 3], filters: &[Filter], activation: Activation, init: Init) -> Result<Self> {
         Self::new(image, filters, activation, init, 2)
     }

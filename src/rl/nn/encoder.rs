@@ -96,7 +96,7 @@ impl Encoder {
     /// The network over a group of `shape`, in the style of `layers`.
     ///
     /// # Errors
-    /// [`Error::Value`] for a group of another number of axes; otherwise as [`Mlp::new`], [`Conv::along`] and [`Set::new`].
+    /// [`Error::Value`] for a group of another number of axes; otherwise as `Mlp::new`, `Conv::along` and `Set::new`.
     pub fn network(&self, shape: &[usize], layers: &Layers) -> Result<Arc<dyn Network>> {
         let mlp = |n_in: usize, units: &[usize]| {
             let (last, hidden) = units.split_last().unwrap_or((&0, &[]));
@@ -130,7 +130,7 @@ impl Encoder {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", tag = "kind", deny_unknown_fields)]
 pub enum Recurrence {
-    /// A gated recurrent unit ([`Gru`]).
+    /// A gated recurrent unit (`Gru`).
     Gru {
         /// Numbers that it remembers.
         units: usize,

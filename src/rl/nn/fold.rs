@@ -7,7 +7,7 @@ use base::error::{Error, Result};
 /// alike but for the number of outputs and what these pass through.
 ///
 /// # Errors
-/// As [`Network::from_parts`], for networks that are not alike.
+/// As `Network::from_parts`, for networks that are not alike.
 pub fn fold(
     (wide, parameters): (&dyn Network, &[f32]),
     narrow: &dyn Network,

@@ -2,7 +2,7 @@
 
 use crate::prelude::*;
 use omnidrones::autodiff::{Certificate, CertificateBounds, JacobianScratch, System};
-use omnidrones::controllers::design::{GainSensitivity, LoopModel, Stability, TrimTarget, sensitivity, trim};
+use omnidrones::controllers::design::{GainSensitivity, LoopModel, Stability, TrimTarget, gain_sensitivity, trim};
 use omnidrones::controllers::reference::Hover;
 use omnidrones::controllers::{ClosedLoop, Flight, FlightPlan, Reference, SmoothPoint, Target};
 use omnidrones::dynamics::{Disturbance, Gains, Plant, Vehicle};
@@ -86,7 +86,7 @@ impl Derivatives {
             return Ok(());
         }
         let start = Instant::now();
-        let through = self.small_enough(sensitivity(vehicle, gains, plan))?;
+        let through = self.small_enough(gain_sensitivity(vehicle, gains, plan))?;
         self.through = through.map(|s| (s, start.elapsed().as_secs_f64()));
         Ok(())
     }

@@ -2,14 +2,14 @@
 //!
 //! | file | what |
 //! |---|---|
-//! | [`ray_scene`] | capsules, boxes, ground and meshes, as numbers for lanes |
+//! | `ray_scene` | capsules, boxes, ground and meshes, as numbers for lanes |
 //! | `pattern` | ground, then solid by solid, then readings: what images and scans share |
 //! | `cull` | which of them an eye can see, nearest first |
 //! | `pieces` | their numbers in the frame of the eye, and the tiles of an image that they can touch |
 //! | `hit` | the ray's number at which it enters a solid |
-//! | [`pinhole`] | depth images: 4×4 pixels at a time |
-//! | [`packets`] | rays of any directions: sixteen at a time |
-//! | [`normal`] | normals of hits, and the derivative of a range in the sensor's pose |
+//! | `pinhole` | depth images: 4×4 pixels at a time |
+//! | `packets` | rays of any directions: sixteen at a time |
+//! | `normal` | normals of hits, and the derivative of a range in the sensor's pose |
 //! | `uneven` | the first place where a ray meets hills |
 //! | `meshes` | triangle meshes, ray by ray, after all that lanes see |
 //! | `reference` | one ray after the other in `f64`, for tests |

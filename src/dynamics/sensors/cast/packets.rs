@@ -41,7 +41,7 @@ impl Rays {
     /// Rays along `directions`, of any length > 0.
     ///
     /// # Errors
-    /// [`Error::Limit`] for no direction or more than 2²⁰ ([`MAX_RAYS`]); [`Error::Value`] for one that is not finite or has no length; a
+    /// [`Error::Limit`] for no direction or more than 2²⁰ (`MAX_RAYS`); [`Error::Value`] for one that is not finite or has no length; a
     /// range as [`RangeLimits::validate`] refuses.
     pub fn new(directions: &[Vec3<f64>], range: RangeLimits) -> Result<Self> {
         range.validate("rays")?;

@@ -39,7 +39,7 @@ impl PinholeCamera {
     /// (i, j) looks along (1, a, b), a = (1 − (2j + 1)/width) tan(½ `field_of_view`), b = (height − 2i − 1)/width · the same.
     ///
     /// # Errors
-    /// [`Error::Limit`] for no pixels or more than 2²² ([`MAX_PIXELS`]); [`Error::Value`] for a field of view outside 10⁻³ … 3 rad, or
+    /// [`Error::Limit`] for no pixels or more than 2²² (`MAX_PIXELS`); [`Error::Value`] for a field of view outside 10⁻³ … 3 rad, or
     /// whose tangent over the height exceeds 20; a range as [`RangeLimits::validate`] refuses.
     pub fn new(width: usize, height: usize, field_of_view: f64, range: RangeLimits) -> Result<Self> {
         range.validate("camera")?;

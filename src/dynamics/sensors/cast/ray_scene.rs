@@ -191,8 +191,8 @@ impl RayScene {
     /// Takes over ground, gates, obstacles and meshes of a scene where `placement` puts them, instead of all there was.
     ///
     /// # Errors
-    /// [`Error::Limit`] for more than 65 536 capsules or boxes ([`MAX_SOLIDS`]), and for more than 8 126 464 triangles of all meshes
-    /// ([`MAX_TRIANGLES`]).
+    /// [`Error::Limit`] for more than 65 536 capsules or boxes (`MAX_SOLIDS`), and for more than 8 126 464 triangles of all meshes
+    /// (`MAX_TRIANGLES`).
     ///
     /// # Panics
     /// On a placement of another length than [`Scene::n_placement`].
@@ -260,7 +260,7 @@ impl RayScene {
     /// numbers are not finite, or beyond 10⁶ m, is never seen.
     ///
     /// # Errors
-    /// [`Error::Limit`] for a capsule more than [`MAX_SOLIDS`].
+    /// [`Error::Limit`] for a capsule more than `MAX_SOLIDS`.
     pub fn push_capsule(&mut self, ends: [Vec3<f64>; 2], radius: f64, owner: u32) -> Result<u32> {
         self.add_capsule(ends, radius, RayTarget::Moving(owner))
     }
@@ -269,7 +269,7 @@ impl RayScene {
     /// beyond 10⁶ m, is never seen.
     ///
     /// # Errors
-    /// [`Error::Limit`] for a box more than [`MAX_SOLIDS`].
+    /// [`Error::Limit`] for a box more than `MAX_SOLIDS`.
     pub fn push_box(&mut self, pose: &Pose<f64>, size: Vec3<f64>, owner: u32) -> Result<u32> {
         self.add_box(pose, size, RayTarget::Moving(owner))
     }
@@ -277,7 +277,7 @@ impl RayScene {
     /// Adds a shape at a pose in the world: a part of a vehicle, say. Its id.
     ///
     /// # Errors
-    /// [`Error::Limit`] for a solid more than [`MAX_SOLIDS`] of its kind.
+    /// [`Error::Limit`] for a solid more than `MAX_SOLIDS` of its kind.
     pub fn push(&mut self, geometry: &Geometry, pose: &Pose<f64>, owner: u32) -> Result<u32> {
         self.add(geometry, pose, RayTarget::Moving(owner))
     }
