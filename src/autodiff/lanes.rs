@@ -57,6 +57,8 @@ pub trait Lanes: Scalar {
     fn splat(x: f64) -> Self::Wide;
     /// sum + a·b in two roundings.
     fn add_product(sum: Self::Wide, a: Self::Wide, b: Self::Wide) -> Self::Wide;
+    /// sum + a·b, fused where the processor has it: the bits of AVX2, AVX-512 and NEON, two roundings elsewhere.
+    fn fused_product(sum: Self::Wide, a: Self::Wide, b: Self::Wide) -> Self::Wide;
     /// a·b, its sign changed where `sign` has the sign bit, + c·d; three roundings.
     fn two_products(a: Self::Wide, b: Self::Wide, sign: u64, c: Self::Wide, d: Self::Wide) -> Self::Wide;
     /// c where a < b, else d.
@@ -343,6 +345,12 @@ impl<S: Simd> Lanes for Register<S> {
     #[inline(always)]
     fn add_product(sum: Self::Wide, a: Self::Wide, b: Self::Wide) -> Self::Wide {
         token::<S>().add_f64s(sum, token::<S>().mul_f64s(a, b))
+    }
+
+    #[inline(always)]
+    fn fused_product(sum: Self::Wide, a: Self::Wide, b: Self::Wide) -> Self::Wide {
+        let t = token::<S>();
+        if is_fused::<S>() { t.mul_add_f64s(a, b, sum) } else { t.add_f64s(sum, t.mul_f64s(a, b)) }
     }
 
     #[inline(always)]

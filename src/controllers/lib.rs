@@ -91,6 +91,7 @@ pub mod kinematics;
 #[doc(hidden)]
 pub mod law;
 pub mod linear;
+pub mod optimal;
 pub(crate) mod load_flatness;
 #[doc(hidden)]
 pub mod locked_joints;

@@ -81,6 +81,11 @@ impl ErrorState {
         Self { n_state, ..self }
     }
 
+    /// Numbers of a state.
+    pub fn n_state(&self) -> usize {
+        self.n_state
+    }
+
     /// Numbers of an error.
     pub fn n_error(&self) -> usize {
         self.n_state - self.quaternions.len()
@@ -103,15 +108,20 @@ impl ErrorState {
     pub fn difference(&self, x: &[f64], from: &[f64]) -> DVector<f64> {
         assert_eq!((x.len(), from.len()), (self.n_state, self.n_state), "lengths of the states");
         let mut error = DVector::zeros(self.n_error());
+        self.write_difference(x, from, error.as_mut_slice());
+        error
+    }
+
+    /// As [`difference`](Self::difference), into `error`.
+    pub(crate) fn write_difference(&self, x: &[f64], from: &[f64], error: &mut [f64]) {
         self.each(|at, to, turns| {
             if turns {
                 let turn = logarithm(multiply(conjugate(quaternion(from, at)), quaternion(x, at)));
-                error.as_mut_slice()[to..to + 3].copy_from_slice(&turn);
+                error[to..to + 3].copy_from_slice(&turn);
             } else {
                 error[to] = x[at] - from[at];
             }
         });
-        error
     }
 
     /// x₀ ⊕ δ, `[n_state]`, the inverse of [`difference`](Self::difference).
@@ -121,15 +131,21 @@ impl ErrorState {
     pub fn moved(&self, from: &[f64], error: &[f64]) -> Vec<f64> {
         assert_eq!((from.len(), error.len()), (self.n_state, self.n_error()), "lengths of state and error");
         let mut x = from.to_vec();
+        self.move_by(&mut x, error);
+        x
+    }
+
+    /// x ⊕ δ in place of x.
+    pub(crate) fn move_by(&self, x: &mut [f64], error: &[f64]) {
         self.each(|at, to, turns| {
             if turns {
                 let turn = exponential([error[to], error[to + 1], error[to + 2]]);
-                x[at..at + 4].copy_from_slice(&multiply(quaternion(from, at), turn));
+                let moved = multiply(quaternion(x, at), turn);
+                x[at..at + 4].copy_from_slice(&moved);
             } else {
                 x[at] += error[to];
             }
         });
-        x
     }
 
     /// E = ∂(x ⊕ δ)/∂δ at x, `n_state` × [`n_error`](Self::n_error).
@@ -219,7 +235,7 @@ impl ErrorState {
     }
 
     /// Calls with (place in the state, place in the error, whether a quaternion begins there) for all of them.
-    fn each(&self, mut visit: impl FnMut(usize, usize, bool)) {
+    pub(crate) fn each(&self, mut visit: impl FnMut(usize, usize, bool)) {
         let (mut at, mut to) = (0, 0);
         while at < self.n_state {
             let turns = self.turns_at(at);
