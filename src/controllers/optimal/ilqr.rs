@@ -14,25 +14,27 @@
 //! and Howell, Jackson and Manchester 2019 (conditions). The bounds are kept by the program of all stages at once, not stage by stage.
 
 use super::problem::{OptimalProblem, OptimalTrajectory, length};
-use super::projected_newton::{QpSettings, QpSolver, QpStatus};
+use super::qp_solver::{QpSettings, QpSolver, QpStatus};
 use super::stage_expansion::{Expanded, StageExpansion};
 use base::defaults::with_defaults;
 use base::error::{Error, Result};
 use nalgebra::DMatrix;
+use serde::{Deserialize, Serialize};
 
 with_defaults! {
     /// When an [`Ilqr`] ends, and how it keeps conditions.
-    #[derive(Debug, Clone, Copy, PartialEq)]
+    #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
     pub struct IlqrSettings {
-        /// Solved where a step would lower the cost by less than this share of 1 + |cost|, and gaps are below it too. Default 1e-9.
+        /// Solved where a step would lower the cost by less than this share of 1 + |cost|, and gaps are below it too.
         pub tolerance: f64 = 1e-9,
-        /// Most iterations, over all rounds of conditions. Default 200.
+        /// Most iterations, over all rounds of conditions.
         pub max_iterations: usize = 200,
-        /// Largest violation of a condition. Default 1e-6.
+        /// Largest violation of a condition.
         pub condition_tolerance: f64 = 1e-6,
-        /// Weight of squares of conditions at first. Default 10.
+        /// Weight of squares of conditions at first.
         pub penalty: f64 = 10.0,
-        /// Most rounds of multipliers; 1 leaves conditions to the penalty. Default 25.
+        /// Most rounds of multipliers; 1 leaves conditions to the penalty.
         pub max_rounds: usize = 25,
     }
 }
@@ -236,14 +238,11 @@ impl Ilqr {
             let scale = self.largest_curvature();
             let (report, expected, slope) = loop {
                 let qp = &self.expansion.qp;
-                let m = qp.n_input();
-                self.solver.start_from(&vec![0.0; m * qp.n_stage()])?;
                 let qp_settings = QpSettings { regularisation: factor * scale, ..QpSettings::default() };
                 let start = vec![0.0; qp.n_state()];
                 let report = self.solver.solve(qp, &start, &qp_settings);
                 match report.status {
                     QpStatus::Solved | QpStatus::Stopped => {
-                        self.solver.refactorise(qp);
                         let expected = self.solver.cost(qp);
                         break (report, expected, self.solver.slope(qp));
                     }
@@ -267,7 +266,7 @@ impl Ilqr {
             }
             let is_closed = gap <= settings.tolerance * (1.0 + self.trajectory.states.len() as f64);
             let is_flat = expected.abs() <= settings.tolerance * (1.0 + cost.abs());
-            if is_closed && is_flat && report.status == QpStatus::Solved {
+            if is_closed && is_flat {
                 return Ok(IlqrStatus::Solved);
             }
             if iterations.len() >= settings.max_iterations {

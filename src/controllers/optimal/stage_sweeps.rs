@@ -22,8 +22,8 @@ pub(super) struct Factors {
     pub(super) free: Blocks,
     /// P [B A] of one stage.
     product: Blocks,
-    /// Added to the diagonal of the states by soft bounds that are passed, of stages 0 to N.
-    pub(super) soft: Blocks,
+    /// Added to the diagonal of H, of stages 0 to N: by soft bounds that are passed, by barriers, to make it convex.
+    pub(super) added: Blocks,
 }
 
 impl Factors {
@@ -34,7 +34,7 @@ impl Factors {
             pivots: Blocks::zeros(stages, first),
             free: Blocks::zeros(stages, first),
             product: Blocks::zeros(1, rows * all),
-            soft: Blocks::zeros(stages + 1, rows),
+            added: Blocks::zeros(stages + 1, all),
         }
     }
 
@@ -175,16 +175,14 @@ pub(super) fn factorise(
     qp: &StageQp,
     factors: &mut Factors,
     last: usize,
-    regularisation: f64,
 ) -> std::result::Result<(), usize> {
-    dispatch(Factorise { qp, factors, last, regularisation })
+    dispatch(Factorise { qp, factors, last })
 }
 
 struct Factorise<'a> {
     qp: &'a StageQp,
     factors: &'a mut Factors,
     last: usize,
-    regularisation: f64,
 }
 
 impl Kernel for Factorise<'_> {
@@ -192,15 +190,15 @@ impl Kernel for Factorise<'_> {
 
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Output {
-        let Self { qp, factors, last, regularisation } = self;
+        let Self { qp, factors, last } = self;
         let Sizes { n, m, stages, rows, first, all } = qp.sizes;
-        let Factors { swept, pivots, free, product, soft } = factors;
+        let Factors { swept, pivots, free, product, added } = factors;
         let product = product.of_mut(0);
         if last + 1 == stages {
             let end = swept.of_mut(stages);
             end.copy_from_slice(qp.hessians.of(stages));
             for i in 0..n {
-                end[(first + i) * all + first + i] += soft.of(stages)[i];
+                end[(first + i) * all + first + i] += added.of(stages)[first + i];
             }
         }
         let mut k = last + 1;
@@ -218,11 +216,11 @@ impl Kernel for Factorise<'_> {
             let at = first * all;
             times_g.columns::<L>(all, n, by_rows, &product[first * rows..], Some(&hessian[at..]), &mut own[at..]);
             for i in 0..n {
-                own[(first + i) * all + first + i] += soft.of(k)[i];
+                own[(first + i) * all + first + i] += added.of(k)[first + i];
             }
             let (free, pivots) = (free.of(k), pivots.of_mut(k));
             for i in 0..m {
-                own[i * all + i] += regularisation;
+                own[i * all + i] += added.of(k)[i];
                 pivots[i] = own[i * all + i];
             }
             for i in 0..m {
@@ -272,23 +270,9 @@ fn sweep<L: Lanes>(matrix: &mut [f64], all: usize, first: usize, [m, n]: [usize;
 /// Most numbers of a padded stage: of 1024 states and inputs.
 const MOST: usize = 1040;
 
-/// wₖ = Hₖ zₖ + hₖ with the slopes of soft bounds, of all stages and the end.
-pub(super) fn slopes(qp: &StageQp, z: &Blocks, factors: &mut Factors, w: &mut Blocks) {
-    let Sizes { stages, first, .. } = qp.sizes;
+/// wₖ = Hₖ zₖ + hₖ of all stages and the end.
+pub(super) fn slopes(qp: &StageQp, z: &Blocks, w: &mut Blocks) {
     dispatch(Slopes { qp, z, w });
-    for k in 1..=stages {
-        let (soft, at, own) = (factors.soft.of_mut(k), z.of(k), w.of_mut(k));
-        for bound in &qp.soft[k - 1] {
-            soft[bound.state] = 0.0;
-        }
-        for bound in &qp.soft[k - 1] {
-            let beyond = bound.beyond(at[first + bound.state]);
-            if beyond != 0.0 {
-                own[first + bound.state] += bound.weight * beyond;
-                soft[bound.state] += bound.weight;
-            }
-        }
-    }
 }
 
 struct Slopes<'a> {
@@ -377,115 +361,39 @@ impl Kernel for FeedForward<'_> {
     }
 }
 
-/// How a step goes forward.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Way {
-    /// Feedback K δx of the free inputs beside what they add by themselves.
-    Feedback,
-    /// The inputs of `step` times this.
-    Scaled(f64),
-    /// The inputs of `step` as they are.
-    Given,
-}
-
-/// A step of the inputs, held within bounds, and of the states that follow; from `step` where that is scaled, else from `forward`.
-/// Returns by how much the cost changes but for soft bounds, and the slope gᵀδu of the step.
-pub(super) fn step(
-    qp: &StageQp,
-    factors: &Factors,
-    at: &At<'_>,
-    way: Way,
-    forward: &Blocks,
-    step: &mut Blocks,
-) -> [f64; 2] {
-    dispatch(Step { qp, factors, at, way, forward, step })
-}
-
-/// Where a step begins.
-pub(super) struct At<'a> {
-    /// z.
-    pub z: &'a Blocks,
-    /// Slopes there.
-    pub w: &'a Blocks,
-    /// Slopes of the inputs, with costates.
-    pub costates: &'a Blocks,
-    /// Whether bounds hold the inputs.
-    pub bounded: bool,
+/// The step from here, forwards: uₖ = what each input adds by itself, and feedback K δx of those that are free.
+pub(super) fn step(qp: &StageQp, factors: &Factors, forward: &Blocks, step: &mut Blocks) {
+    dispatch(Step { qp, factors, forward, step });
 }
 
 struct Step<'a> {
     qp: &'a StageQp,
     factors: &'a Factors,
-    at: &'a At<'a>,
-    way: Way,
     forward: &'a Blocks,
     step: &'a mut Blocks,
 }
 
 impl Kernel for Step<'_> {
-    type Output = [f64; 2];
+    type Output = ();
     #[inline(always)]
-    fn run<L: Lanes>(self) -> [f64; 2] {
-        let Self { qp, factors, at, way, forward, step } = self;
+    fn run<L: Lanes>(self) {
+        let Self { qp, factors, forward, step } = self;
         let Sizes { n, m, stages, rows, first, all } = qp.sizes;
-        let (mut change, mut slope) = (0.0, 0.0);
         let mut product = [0.0; MOST];
         for k in 0..stages {
             let (own, next) = step.pair_mut(k);
-            let (z, free) = (at.z.of(k), factors.free.of(k));
-            match way {
-                Way::Feedback => {
-                    let swept = &factors.swept.of(k)[first * all..];
-                    multiply::<L>(swept, all, &own[first..first + n], first, None, &mut product[..first]);
-                    let forward = forward.of(k);
-                    for i in 0..m {
-                        own[i] = forward[i] - free[i] * product[i];
-                    }
-                }
-                Way::Scaled(by) => {
-                    let forward = forward.of(k);
-                    for i in 0..m {
-                        own[i] = by * forward[i];
-                    }
-                }
-                Way::Given => {}
-            }
-            if at.bounded {
-                let (lower, upper) = (qp.lower.of(k), qp.upper.of(k));
-                for i in 0..m {
-                    own[i] = (z[i] + own[i]).max(lower[i]).min(upper[i]) - z[i];
-                }
-            }
-            let costates = at.costates.of(k);
+            let (free, forward) = (factors.free.of(k), forward.of(k));
+            let swept = &factors.swept.of(k)[first * all..];
+            multiply::<L>(swept, all, &own[first..first + n], first, None, &mut product[..first]);
             for i in 0..m {
-                slope += costates[i] * own[i];
+                own[i] = forward[i] - free[i] * product[i];
             }
             let columns = qp.columns.of(k);
             let next = &mut next[first..first + rows];
             multiply::<L>(columns, rows, &own[..m], rows, None, next);
             add_product::<L>(&columns[first * rows..], rows, &own[first..first + n], next);
-            change += quadratic::<L>(qp.hessians.of(k), at.w.of(k), &qp.sizes, own, &mut product);
         }
-        let own = step.of_mut(stages);
-        own[..first].fill(0.0);
-        change += quadratic::<L>(qp.hessians.of(stages), at.w.of(stages), &qp.sizes, own, &mut product);
-        [change, slope]
     }
-}
-
-/// wᵀz + ½ zᵀ H z.
-#[inline(always)]
-fn quadratic<L: Lanes>(hessian: &[f64], w: &[f64], sizes: &Sizes, z: &[f64], product: &mut [f64]) -> f64 {
-    let Sizes { n, m, first, all, .. } = *sizes;
-    let product = &mut product[..all];
-    product.fill(0.0);
-    add_product::<L>(hessian, all, &z[..m], product);
-    add_product::<L>(&hessian[first * all..], all, &z[first..first + n], product);
-    let mut sum = 0.0;
-    for i in 0..all {
-        sum += z[i] * (w[i] + 0.5 * product[i]);
-    }
-    sum
 }
 
 /// The states that follow from x₀ and the inputs in `z`.
