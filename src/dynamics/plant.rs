@@ -103,6 +103,30 @@ impl Plant {
         }
     }
 
+    /// The plant with motors that speed up and slow down with the longer of their lags: where both differ, a step has a kink at every
+    /// steady speed, and what plans by its derivatives gets stuck there.
+    ///
+    /// # Errors
+    /// None for a valid plant.
+    pub fn with_longer_lags(&self) -> Result<Self> {
+        let even = |rotor: &mut Rotor| {
+            let longer = rotor.time_constant_up.max(rotor.time_constant_down);
+            (rotor.time_constant_up, rotor.time_constant_down) = (longer, longer);
+        };
+        match self {
+            Self::Rigid(m) => {
+                let mut vehicle = m.vehicle().clone();
+                vehicle.rotors.iter_mut().for_each(even);
+                Self::of_vehicle(&vehicle, *m.physics())
+            }
+            Self::Tree(m) => {
+                let mut parts = m.model().parts().clone();
+                parts.rotors.iter_mut().for_each(|r| even(&mut r.rotor));
+                Self::of_model(&Model::new(parts)?, *m.physics())
+            }
+        }
+    }
+
     /// Name of the vehicle or model.
     pub fn name(&self) -> &str {
         match self {

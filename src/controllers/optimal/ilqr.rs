@@ -105,6 +105,10 @@ pub struct Ilqr {
     error: Vec<f64>,
     /// −(1 − α) c.
     shift: Vec<f64>,
+    /// λₖ₊₁ of every stage, where exact curvatures are there.
+    costates: Vec<f64>,
+    /// Whether those are of this problem.
+    knows_costates: bool,
 }
 
 impl Ilqr {
@@ -119,7 +123,9 @@ impl Ilqr {
         let n_error = problem.model().errors.n_error();
         let [error, shift] = [0, 1].map(|_| vec![0.0; n_error]);
         let solver = QpSolver::new(&expansion.qp);
-        Ok(Self { expansion, solver, trial: empty.clone(), trajectory: empty, error, shift })
+        let costates = vec![0.0; stages * n_error];
+        let (trial, trajectory) = (empty.clone(), empty);
+        Ok(Self { expansion, solver, trial, trajectory, error, shift, costates, knows_costates: false })
     }
 
     /// Begins with inputs, row-major `[N, n_input]`, and the states that follow from them.
@@ -189,6 +195,7 @@ impl Ilqr {
         mut progress: impl FnMut(usize, &IlqrIteration),
     ) -> Result<IlqrReport> {
         settings.validate()?;
+        self.knows_costates = false;
         let mut iterations = Vec::new();
         let has_conditions = !self.expansion.conditions.values.is_empty();
         let conditions = &mut self.expansion.conditions;
@@ -236,6 +243,10 @@ impl Ilqr {
             }
             is_first = false;
             let scale = self.largest_curvature();
+            let mut is_exact = self.knows_costates && problem.model().has_curvature();
+            if is_exact {
+                self.expansion.curve(problem, &self.trajectory, &self.costates);
+            }
             let (report, expected, slope) = loop {
                 let qp = &self.expansion.qp;
                 let qp_settings = QpSettings { regularisation: factor * scale, ..QpSettings::default() };
@@ -250,6 +261,10 @@ impl Ilqr {
                         let remedy = "Keep what the cost divides by, or takes roots of, away from zero.";
                         return Err(Error::value("derivatives of the cost or the dynamics", "NaN", "finite", remedy));
                     }
+                    QpStatus::NotConvex(_) if is_exact => {
+                        self.expansion.expand(problem, &self.trajectory);
+                        is_exact = false;
+                    }
                     QpStatus::NotConvex(_) if factor < REGULARISATION[1] => {
                         factor = (10.0 * factor).max(REGULARISATION[0]);
                     }
@@ -260,6 +275,9 @@ impl Ilqr {
                     }
                 }
             };
+            if problem.model().has_curvature() {
+                self.keep_costates();
+            }
             // exact penalty: gaps weigh more than what closing them may cost
             if gap > 0.0 {
                 weight_of_gaps = weight_of_gaps.max(2.0 * expected.max(0.0) / gap);
@@ -311,6 +329,14 @@ impl Ilqr {
         }
     }
 
+    fn keep_costates(&mut self) {
+        let n = self.error.len();
+        for (k, own) in self.costates.chunks_exact_mut(n).enumerate() {
+            own.copy_from_slice(self.solver.costate(k + 1));
+        }
+        self.knows_costates = true;
+    }
+
     fn largest_curvature(&self) -> f64 {
         let qp = &self.expansion.qp;
         let (m, all) = (qp.sizes.m, qp.sizes.all);
@@ -320,7 +346,7 @@ impl Ilqr {
 
     /// The trial trajectory of a step; its cost.
     fn roll_out(&mut self, problem: &OptimalProblem, alpha: f64) -> f64 {
-        let Self { expansion, solver, trajectory, trial, error, shift } = self;
+        let Self { expansion, solver, trajectory, trial, error, shift, .. } = self;
         let model = problem.model();
         let (n, m, errors) = (model.n_state(), model.n_input(), &model.errors);
         let n_error = errors.n_error();

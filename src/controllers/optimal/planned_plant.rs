@@ -9,6 +9,9 @@ use dynamics::plant::RotorPlace;
 use dynamics::{Disturbance, Plant};
 use serde::{Deserialize, Serialize};
 
+/// By how much bounds of inputs are within those of commands.
+const WITHIN: f64 = 1e-9;
+
 /// What a planned input of a rotor is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -106,7 +109,8 @@ impl PlannedPlant {
         Ok(self.kept.iter().map(|k| plant_state[*k]).collect())
     }
 
-    /// Least and largest inputs: those of rotors as [`PlannedInput`] says, −1 and 1 of drives.
+    /// Least and largest inputs: those of rotors as [`PlannedInput`] says, −1 and 1 of drives; 10⁻⁹ of them within, where commands are not
+    /// clipped and have a slope.
     pub fn bounds(&self) -> (Vec<f64>, Vec<f64>) {
         let of_rotors = |i: usize, share: f64| match self.input {
             PlannedInput::Speed => share.sqrt(),
@@ -116,7 +120,7 @@ impl PlannedPlant {
             let own = self.rotors.iter().enumerate();
             own.map(|(i, rotor)| if rotor.is_some() { of_rotors(i, share) } else { drive }).collect()
         };
-        (all(LEAST_THRUST, -1.0), all(1.0, 1.0))
+        (all(LEAST_THRUST * (1.0 + WITHIN), WITHIN - 1.0), all(1.0 - WITHIN, 1.0 - WITHIN))
     }
 
     /// The inputs that hold the speeds of rotors in a state of the plant, and drives at rest.

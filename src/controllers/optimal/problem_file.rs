@@ -192,9 +192,16 @@ pub struct ProblemFile {
     pub bounds: Option<BoundsInFile>,
     /// Inputs that cost nothing; without it those of hover.
     pub input_reference: Option<f64>,
+    /// Whether motors speed up and slow down with different lags. Without, the longer one counts both ways: the motion is smooth then, and
+    /// searches end ten times as fast.
+    #[serde(default)]
+    pub exact_lags: bool,
     /// How the search begins.
     #[serde(default)]
     pub guess: FirstGuess,
+    /// Whether curvatures are exact, not those of squares alone: fewer iterations, each of them longer.
+    #[serde(default = "yes")]
+    pub exact: bool,
     /// Where it starts.
     #[serde(default)]
     pub start: PoseInFile,
@@ -222,6 +229,10 @@ pub struct ProblemFile {
     /// When the search ends.
     #[serde(default)]
     pub settings: IlqrSettings,
+}
+
+fn yes() -> bool {
+    true
 }
 
 fn one() -> usize {
@@ -294,6 +305,10 @@ impl ProblemFile {
         let Self { dt, substeps, integrator, effects, .. } = *self;
         let physics = Physics { dt, substeps, integrator, effects };
         match (&self.vehicle, &self.configuration) {
+            _ if !self.exact_lags => {
+                let exact = Self { exact_lags: true, ..self.clone() };
+                exact.plant(folder)?.with_longer_lags()
+            }
             (Some(name), None) => {
                 let is_file = name.ends_with(".toml");
                 let vehicle = match folder {
@@ -346,7 +361,10 @@ impl ProblemFile {
         let tracking = TrackingCost::new(&plant, tracked)?;
         let (lower, upper) = self.bounds(&plant)?;
         let cost = CourseCost::new(tracking, !self.gates.is_empty(), &self.obstacles)?;
-        let model = StageModel::new(&plant, &cost, plant.errors()?)?;
+        let mut model = StageModel::new(&plant, &cost, plant.errors()?)?;
+        if self.exact {
+            model = model.with_curvature(&plant, &cost)?;
+        }
         let (hover, holding) = plant.hover()?;
         let start = self.start.state("start", &hover)?;
         let goal = self.goal.state("goal", &hover)?;

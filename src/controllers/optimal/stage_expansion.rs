@@ -89,6 +89,43 @@ impl StageExpansion {
         Expanded { cost: cost + self.soft_cost(at), gap }
     }
 
+    /// Exact curvatures in place of those by squares, with costates λₖ₊₁ of every stage, `[N, n_error]`.
+    pub(super) fn curve(&mut self, problem: &OptimalProblem, at: &OptimalTrajectory, costates: &[f64]) {
+        let (stages, n) = (problem.n_stage(), self.model.lengths.n_error);
+        let first = self.model.lengths.n_argument(false);
+        for from in (0..stages).step_by(LINE) {
+            let n_lane = (stages - from).min(LINE);
+            for lane in 0..LINE {
+                let stage = from + lane.min(n_lane - 1);
+                self.write_arguments(problem, at, stage, lane);
+                let own = &costates[stage * n..(stage + 1) * n];
+                self.work.arguments[first..].iter_mut().zip(own).for_each(|(row, value)| row[lane] = *value);
+            }
+            self.model.curve(&mut self.work, n_lane, false);
+            (0..n_lane).for_each(|lane| self.read_curvature(from + lane, lane));
+        }
+        (0..LINE).for_each(|lane| self.write_arguments(problem, at, stages, lane));
+        self.model.curve(&mut self.work, 1, true);
+        self.read_curvature(stages, 0);
+    }
+
+    fn read_curvature(&mut self, stage: usize, lane: usize) {
+        let (sizes, n_error) = (self.qp.sizes, self.model.lengths.n_error);
+        let Some(own) = &self.model.curvatures else { return };
+        let place = |z: u32| {
+            let z = z as usize;
+            if z < n_error { sizes.first + z } else { z - n_error }
+        };
+        let hessian = self.qp.hessians.of_mut(stage);
+        hessian.fill(0.0);
+        let entries = &own[usize::from(stage == sizes.stages)].entries;
+        for ((row, column), value) in entries.iter().zip(&self.work.results) {
+            let (row, column) = (place(*row), place(*column));
+            hessian[column * sizes.all + row] = value[lane];
+            hessian[row * sizes.all + column] = value[lane];
+        }
+    }
+
     /// Arguments of a stage into a lane.
     fn write_arguments(&mut self, problem: &OptimalProblem, at: &OptimalTrajectory, stage: usize, lane: usize) {
         let is_end = stage == problem.n_stage();
@@ -163,6 +200,9 @@ impl StageExpansion {
             slope[place(*z)] = value[lane];
         }
         let hessian = self.qp.hessians.of_mut(stage);
+        if self.model.curvatures.is_some() {
+            hessian.fill(0.0); // exact ones have other entries
+        }
         for ((row, column), value) in entries.hessian.iter().zip(&mut values) {
             let (row, column) = (place(*row), place(*column));
             hessian[column * sizes.all + row] = value[lane];

@@ -65,6 +65,17 @@ pub struct StageModel {
     pub(super) entries: Entries,
     end_expansion: Executable<[f64; LINE]>,
     pub(super) end_entries: Entries,
+    /// Exact curvatures, of a stage and of the end; made by [`with_curvature`](Self::with_curvature).
+    pub(super) curvatures: Option<Box<[Curvature; 2]>>,
+}
+
+/// The exact Hessian of a stage's Lagrangian.
+#[derive(Debug, Clone)]
+pub(super) struct Curvature {
+    /// [x, u, p, shifts, weights, λ] → entries.
+    code: Executable<[f64; LINE]>,
+    /// (row, column), row ≤ column, of [δ; u].
+    pub entries: Vec<(u32, u32)>,
 }
 
 /// Room for evaluations; made once, reused without allocation.
@@ -74,6 +85,7 @@ pub(super) struct StageWork {
     end: Workspace,
     expansion: Work<[f64; LINE]>,
     end_expansion: Work<[f64; LINE]>,
+    curvatures: Vec<Work<[f64; LINE]>>,
     pub arguments: Vec<[f64; LINE]>,
     pub results: Vec<[f64; LINE]>,
     pub single: Vec<f64>,
@@ -115,7 +127,32 @@ impl StageModel {
         };
         let (forward, expansion, entries) = compile(false)?;
         let (end, end_expansion, end_entries) = compile(true)?;
-        Ok(Self { lengths, forward, end, expansion, entries, end_expansion, end_entries, errors })
+        let curvatures = None;
+        Ok(Self { lengths, forward, end, expansion, entries, end_expansion, end_entries, curvatures, errors })
+    }
+
+    /// The same with exact curvatures: Hessians of ℓ + λᵀ(f(x ⊕ δ, u) ⊖ f(x, u)) by [δ; u]. A search then converges quadratically, and a
+    /// solution can be differentiated. Their code is several times as long as all else.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new), of the same system and cost.
+    pub fn with_curvature<F: System, C: OptimalCost>(mut self, system: &F, cost: &C) -> Result<Self> {
+        let n_parameter = self.lengths.n_parameter;
+        let stage = Stage { system, cost, errors: &self.errors, n_parameter };
+        let compile = |is_end| {
+            let (recording, entries) = stage.curvature(&self.lengths, is_end);
+            let program = Program::compile(&recording)?;
+            let layout = RowLayout::apart(program.n_input(), program.n_output());
+            Ok::<_, Error>(Curvature { code: Executable::new(&program, layout)?, entries })
+        };
+        let own = [compile(false)?, compile(true)?];
+        self.curvatures = Some(Box::new(own));
+        Ok(self)
+    }
+
+    /// Whether it has exact curvatures.
+    pub fn has_curvature(&self) -> bool {
+        self.curvatures.is_some()
     }
 
     /// Coordinates of errors of the state.
@@ -150,14 +187,17 @@ impl StageModel {
 
     pub(super) fn work(&self) -> StageWork {
         let lengths = &self.lengths;
-        let n_argument = lengths.n_argument(false).max(lengths.n_argument(true));
+        let n_argument = lengths.n_argument(false).max(lengths.n_argument(true)) + lengths.n_error;
+        let curvatures = self.curvatures.iter().flat_map(|own| own.iter());
+        let n_curvature = curvatures.clone().map(|own| own.entries.len()).max().unwrap_or(0);
         let n_forward = lengths.n_state + 1 + lengths.n_condition[0].max(lengths.n_condition[1]);
-        let n_result = n_forward + self.entries.len().max(self.end_entries.len());
+        let n_result = (n_forward + self.entries.len().max(self.end_entries.len())).max(n_curvature);
         StageWork {
             forward: self.forward.workspace(),
             end: self.end.workspace(),
             expansion: self.expansion.work(),
             end_expansion: self.end_expansion.work(),
+            curvatures: curvatures.map(|own| own.code.work()).collect(),
             arguments: vec![[0.0; LINE]; n_argument],
             results: vec![[0.0; LINE]; n_result],
             single: vec![0.0; n_argument],
@@ -187,6 +227,19 @@ impl StageModel {
         let arguments = &work.arguments[..lengths.n_argument(is_end)];
         let arrays = &mut [Rows::Read(arguments), Rows::Write(&mut work.results[..n_result])];
         let is_run = code.run(own, arrays, n).is_ok();
+        assert!(is_run, "rows of a stage");
+    }
+}
+
+impl StageModel {
+    /// Exact curvatures of the first `n` stages in `work.arguments`, with λ behind all else, into `work.results`.
+    pub(super) fn curve(&self, work: &mut StageWork, n: usize, is_end: bool) {
+        let Some(own) = &self.curvatures else { return };
+        let Curvature { code, entries } = &own[usize::from(is_end)];
+        let n_argument = self.lengths.n_argument(is_end) + if is_end { 0 } else { self.lengths.n_error };
+        let arguments = Rows::Read(&work.arguments[..n_argument]);
+        let arrays = &mut [arguments, Rows::Write(&mut work.results[..entries.len()])];
+        let is_run = code.run(&mut work.curvatures[usize::from(is_end)], arrays, n).is_ok();
         assert!(is_run, "rows of a stage");
     }
 }
@@ -264,18 +317,66 @@ impl<F: System, C: OptimalCost> Stage<'_, F, C> {
         [vec![cost], conditions].concat()
     }
 
+    /// [δ, u; x, p, …] → [x ⊕ δ, u, p, …].
+    fn moved(&self, z: &[Trace], lengths: &Lengths, n_input: usize) -> Vec<Trace> {
+        let (error, rest) = z.split_at(lengths.n_error);
+        let (input, rest) = rest.split_at(n_input);
+        let (state, rest) = rest.split_at(lengths.n_state);
+        [&moved(self.errors, state, error), input, rest].concat()
+    }
+
+    /// The Hessian of the Lagrangian, its upper triangle, with the entries that are not zero.
+    fn curvature(&self, lengths: &Lengths, is_end: bool) -> (Recording, Vec<(u32, u32)>) {
+        let n_input = if is_end { 0 } else { lengths.n_input };
+        let (n_z, n_own) = (lengths.n_error + n_input, lengths.n_argument(is_end));
+        let n_costate = if is_end { 0 } else { lengths.n_error };
+        let lagrangian = Recording::of(n_z + n_own - n_input + n_costate, |z| {
+            let z = self.moved(z, lengths, n_input);
+            let (z, costates) = z.split_at(n_own);
+            let z = Numbers::cut(z, lengths, is_end);
+            let mut sum = self.valued(&z, is_end)[0];
+            if !is_end {
+                let next = errors_of(self.errors, &self.next(z.state, z.input, z.parameters));
+                sum = next.iter().zip(costates).fold(sum, |sum, (e, costate)| sum + *e * *costate);
+            }
+            vec![sum]
+        });
+        let hessian = lagrangian.jacobian(0..n_z).jacobian(0..n_z);
+        let mut entries = Vec::new();
+        let recording = Recording::of(n_own + n_costate, |z| {
+            let at = self.unmoved(z, lengths, n_input);
+            let mut all = vec![Trace::zero(); n_z * n_z];
+            hessian.evaluate(&at, &mut all);
+            let mut results = Vec::new();
+            for column in 0..n_z {
+                for row in 0..=column {
+                    let own = all[column * n_z + row];
+                    if own.known() != Some(0.0) {
+                        entries.push((row as u32, column as u32));
+                        results.push(own);
+                    }
+                }
+            }
+            results
+        });
+        (recording, entries)
+    }
+
+    /// [x, u, p, …] → [0, u; x, p, …].
+    fn unmoved(&self, z: &[Trace], lengths: &Lengths, n_input: usize) -> Vec<Trace> {
+        let mut at = vec![Trace::zero(); lengths.n_error];
+        at.extend_from_slice(&z[lengths.n_state..lengths.n_state + n_input]);
+        at.extend_from_slice(&z[..lengths.n_state]);
+        at.extend_from_slice(&z[lengths.n_state + n_input..]);
+        at
+    }
+
     /// Values and derivatives, with the entries that are not zero.
     fn expansion(&self, lengths: &Lengths, is_end: bool) -> Result<(Recording, Entries)> {
         let n_input = if is_end { 0 } else { lengths.n_input };
         let n_z = lengths.n_error + n_input;
         let (n_argument, n_all) = (lengths.n_argument(is_end), n_z + lengths.n_argument(is_end) - n_input);
-        // of [δ, u; x, p, shifts, weights]
-        let moved = |z: &[Trace]| {
-            let (error, rest) = z.split_at(lengths.n_error);
-            let (input, rest) = rest.split_at(n_input);
-            let (state, rest) = rest.split_at(lengths.n_state);
-            [&moved(self.errors, state, error), input, rest].concat()
-        };
+        let moved = |z: &[Trace]| self.moved(z, lengths, n_input);
         let step = (!is_end).then(|| {
             Recording::of(n_all, |z| {
                 let z = moved(z);
@@ -302,10 +403,7 @@ impl<F: System, C: OptimalCost> Stage<'_, F, C> {
         let curvature = by_sum.jacobian(0..n_z);
         let mut entries = Entries::default();
         let recording = Recording::of(n_argument, |z| {
-            let mut at = vec![Trace::zero(); lengths.n_error];
-            at.extend_from_slice(&z[lengths.n_state..lengths.n_state + n_input]);
-            at.extend_from_slice(&z[..lengths.n_state]);
-            at.extend_from_slice(&z[lengths.n_state + n_input..]);
+            let at = self.unmoved(z, lengths, n_input);
             let evaluated = |recording: &Recording| {
                 let mut results = vec![Trace::zero(); recording.n_output()];
                 recording.evaluate(&at, &mut results);
