@@ -49,6 +49,11 @@ pub(crate) fn add_drag<S: Scalar>(
 
 /// [T, M] that fly a reference without error, linear drag included.
 pub fn flat_wrench(body: &BodyModel<f64>, sample: &Setpoint<f64>) -> [f64; 4] {
+    flat_command(body, sample).1
+}
+
+/// Attitude, rates and [T, M] that fly a reference without error, linear drag included.
+pub(crate) fn flat_command(body: &BodyModel<f64>, sample: &Setpoint<f64>) -> (Orientation<f64>, [f64; 4]) {
     let mut state = Kinematics { attitude: identity(), ..Kinematics::at_rest(sample.position) };
     let mut wanted = Orientation::at_rest([[0.0; 3]; 3]);
     let mut thrust = 0.0;
@@ -64,5 +69,5 @@ pub fn flat_wrench(body: &BodyModel<f64>, sample: &Setpoint<f64>) -> [f64; 4] {
     }
     let w = wanted.angular_velocity;
     let moment = add(mat_vec(body.inertia, wanted.angular_acceleration), cross(w, mat_vec(body.inertia, w)));
-    [thrust, moment[0], moment[1], moment[2]]
+    (wanted, [thrust, moment[0], moment[1], moment[2]])
 }

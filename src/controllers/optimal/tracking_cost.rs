@@ -19,6 +19,7 @@ use base::error::{Error, Result};
 use dynamics::plant::RotorPlace;
 use dynamics::spatial::{Quat, Vec3, conjugate, multiply, rotate, rotate_back, sub};
 use nalgebra::DMatrix;
+use num_dual::Dual64;
 
 with_defaults! {
     /// Weights of [`TrackingCost`], each per second of the flight and per square of its unit; at the end not per second.
@@ -205,6 +206,46 @@ impl TrackingCost {
     /// Hover, `[n_state]`.
     pub fn hover(&self) -> &[f64] {
         &self.hover
+    }
+
+    /// Q, n_error × n_error, and R, n_input × n_input, of a stage at hover.
+    pub fn hessian_at_hover(&self, weights: &TrackingWeights) -> (DMatrix<f64>, DMatrix<f64>) {
+        let (n, m, dt) = (self.errors.n_error(), self.plant.n_input(), self.plant.plant().physics().dt);
+        let (w, body) = (weights.flat(), self.body);
+        let mut q = DMatrix::zeros(n, n);
+        (0..12).filter(|k| body == 0 || *k >= 6).for_each(|k| q[(k, k)] = dt * w[k]);
+        if body != 0 {
+            self.add_tracked(&w, dt, &mut q);
+        }
+        for (k, kind) in self.rest.iter().enumerate() {
+            q[(12 + k, 12 + k)] += match kind {
+                Rest::Joint => dt * w[12],
+                Rest::JointRate => dt * w[13],
+                Rest::RotorSpeed { .. } => 0.0,
+            };
+        }
+        let r = DMatrix::from_fn(m, m, |i, j| if i == j { dt * w[14] * self.input_scale[i].powi(2) } else { 0.0 });
+        (q, r)
+    }
+
+    /// Squares of position and velocity of a tracked body that is not the root.
+    fn add_tracked(&self, w: &[f64], dt: f64, q: &mut DMatrix<f64>) {
+        let n = self.hover.len();
+        let mut by_state = DMatrix::zeros(6, n);
+        for j in 0..n {
+            let state: Vec<Dual64> =
+                self.hover.iter().enumerate().map(|(k, x)| Dual64::new(*x, if k == j { 1.0 } else { 0.0 })).collect();
+            let own = self.tracked(&state);
+            for k in 0..3 {
+                by_state[(k, j)] = own.position[k].eps;
+                by_state[(3 + k, j)] = own.velocity[k].eps;
+            }
+        }
+        let by_error = by_state * self.errors.tangent(&self.hover);
+        for k in 0..6 {
+            let row = by_error.row(k);
+            *q += dt * w[k] * row.transpose() * row;
+        }
     }
 
     /// Parameters of a stage: position, velocity, attitude (4) and angular velocity of the reference, its inputs, then

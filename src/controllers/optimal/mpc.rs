@@ -1,0 +1,623 @@
+//! Model predictive control of a plant: tracks a reference by planning a second ahead in every tick.
+//!
+//! ```text
+//! measured state ─▶ disturbance estimate ─▶ state when commands act ─▶ plan of N stages ─▶ u₀ ─▶ rotor commands
+//! ```
+//!
+//! - The plan minimises [`TrackingCost`] along the reference, from now on, with all inputs within bounds, motors with their lag, and
+//!   bounds of states that may be passed at a cost. It ends with the cost of an endless flight near hover (the Riccati equation).
+//! - What moves the root beyond the model, force and moment, is estimated: d̂⁺ = d̂ + (1 − e^(−LT)) G⁻¹ (x − x̂), with x̂ the velocities that the
+//!   model foretold for this tick and G what a force and a moment change of them in a tick. The plan flies with d̂.
+//! - Commands that act late are answered for: the plan begins at the state that the model has when its commands will act.
+//! - A tick whose program fails flies on with the plan of the last; after ten of them in a row the fallback flies, until a plan is
+//!   found again. Both are counted and [told](Controller::notes).
+//!
+//! Source: Sun, Romero, Foehn, Kaufmann, Scaramuzza 2022 (weights, horizon); Rawlings, Mayne and Diehl 2017, sections 1.3 and 1.5 (end,
+//! disturbance models).
+
+use super::flat_motion::FlatMotion;
+use super::planned_plant::{PlannedInput, PlannedPlant};
+use super::problem::OptimalProblem;
+use super::real_time::{RealTimeIteration, TickReport};
+use super::stage_model::StageModel;
+use super::stage_qp::SoftBound;
+use super::tracking_cost::{TrackingCost, TrackingWeights};
+use crate::cascade::{RateDivisors, Rates};
+use crate::closed_loop::check_latency;
+use crate::controller::{Controller, Measurement, Note, Target};
+use crate::design::riccati;
+use crate::kinematics::Kinematics;
+use autodiff::{System, linearise};
+use base::defaults::with_defaults;
+use base::error::{Error, Result};
+use dynamics::{Disturbance, Effects, Physics, Plant};
+use nalgebra::{DMatrix, Matrix6, Vector6};
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Ticks in a row that fly on with an old plan.
+const PATIENCE: u64 = 10;
+
+/// Programs of the first tick, and after plans were lost.
+const FIRST_ITERATIONS: usize = 15;
+
+/// A soft bound of a number of the plant's state.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StateBound {
+    /// Its name: `velocity_x`.
+    pub state: String,
+    /// Least and largest value that cost nothing.
+    pub range: [f64; 2],
+    /// Of the square beyond.
+    pub weight: f64,
+}
+
+with_defaults! {
+    /// How an [`Mpc`] plans.
+    #[derive(Debug, Clone, PartialEq)]
+    pub struct MpcSettings {
+        /// N.
+        pub stages: usize = 20,
+        /// Of a stage, s.
+        pub stage: f64 = 0.05,
+        /// Steps of the integrator in a stage.
+        pub substeps: usize = 1,
+        /// It ticks as often as 1/dt allows, but not more often than this, Hz.
+        pub rate: f64 = 100.0,
+        /// Programs a tick: 1 for real-time iteration.
+        pub iterations: usize = 1,
+        /// What it costs to be off the reference.
+        pub weights: TrackingWeights = TrackingWeights::default(),
+        /// Whether the plan ends with the cost of an endless flight near hover; without, with the weights of a stage, per second.
+        pub endless: bool = true,
+        /// Soft bounds of states.
+        pub state_bounds: Vec<StateBound> = Vec::new(),
+        /// Body that is tracked; without, the root.
+        pub tracked: Option<String> = None,
+        /// L, the rate of the disturbance estimate, 1/s; 0 for none.
+        pub estimate: f64 = 10.0,
+        /// Steps of the plant by which commands act late.
+        pub latency: usize = 0,
+        /// Whether motors speed up and slow down with different lags in its model.
+        pub exact_lags: bool = false,
+    }
+}
+
+/// What an [`Mpc`] has done since it was reset.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct MpcStatistics {
+    /// Ticks.
+    pub ticks: u64,
+    /// Of those, ones that flew on with an old plan.
+    pub kept: u64,
+    /// And ones that the fallback flew.
+    pub fallen_back: u64,
+    /// Recursions of all ticks.
+    pub recursions: u64,
+    /// Time of every tick, s, up to a million of them.
+    pub times: Vec<f32>,
+    /// Largest residual of a program that counted as solved.
+    pub residual: f64,
+}
+
+/// Most times that are kept.
+const MAX_TIMES: usize = 1_000_000;
+
+/// Model predictive control as a [`Controller`].
+pub struct Mpc {
+    settings: MpcSettings,
+    /// What it believes to fly, step by step, with disturbances.
+    believed: Plant,
+    planned: PlannedPlant,
+    cost: TrackingCost,
+    flat: FlatMotion,
+    iteration: RealTimeIteration,
+    observer: Observer,
+    /// Steps of the plant between two ticks.
+    every: u64,
+    step: u64,
+    period: f64,
+    /// Inputs of the plant as they were given, the last behind, as many as act late; those of hover at first.
+    given: Vec<Vec<f64>>,
+    hover: Vec<f64>,
+    /// Failed ticks in a row.
+    failed: u64,
+    is_fresh: bool,
+    fallback: Option<Box<dyn Controller>>,
+    falls_back: bool,
+    effectiveness: Vec<f64>,
+    statistics: MpcStatistics,
+    last: Option<TickReport>,
+    row: Vec<f64>,
+    commands: Vec<f64>,
+}
+
+/// Force and moment on the root beyond the model.
+#[derive(Debug, Clone)]
+struct Observer {
+    /// Share of what is missing that is learnt in a tick.
+    share: f64,
+    /// From velocities that were not foretold to force and moment.
+    inverse: Matrix6<f64>,
+    estimate: Vector6<f64>,
+    /// Most of each.
+    most: Vector6<f64>,
+    foretold: Option<[f64; 6]>,
+}
+
+impl Mpc {
+    /// Of a plant that is believed to be so.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for settings outside their ranges, a plant of several trees, or one that hover does not hold or no feedback
+    /// settles; [`Error::Limit`] for too long a horizon.
+    pub fn new(plant: &Plant, settings: &MpcSettings) -> Result<Self> {
+        settings.validate()?;
+        if plant.roots().len() != 1 {
+            let what = format!("trees of '{}'", plant.name());
+            return Err(Error::value(what, plant.roots().len(), "1", "Give each of them a controller of its own."));
+        }
+        let dt = plant.physics().dt;
+        let every = ticks_every(settings.rate, dt)?;
+        let with = |physics: Physics| {
+            let effects = Effects { disturbance: true, contact: false, ..physics.effects };
+            rebuilt(plant, Physics { effects, ..physics })
+        };
+        let believed = with(*plant.physics())?;
+        let planned = with(Physics { dt: settings.stage, substeps: settings.substeps, ..*plant.physics() })?;
+        let planned = if settings.exact_lags { planned } else { planned.with_longer_lags()? };
+        let planned = PlannedPlant::new(planned, PlannedInput::Speed)?;
+        let tracked = match &settings.tracked {
+            None => 0,
+            Some(name) => {
+                let known = plant.body_names();
+                let found = known.iter().position(|own| own == name);
+                found.ok_or_else(|| Error::Unknown { kind: "body", name: name.clone(), known })?
+            }
+        };
+        let mut cost = TrackingCost::new(&planned, tracked)?;
+        let (hover, inputs) = planned.hover()?;
+        if settings.endless {
+            let end = endless_cost(&planned, &cost, &settings.weights, &hover, &inputs)?;
+            cost = cost.with_end(&end)?;
+        }
+        let model = StageModel::new(&planned, &cost, planned.errors()?)?;
+        let mut problem = OptimalProblem::new(Arc::new(model), settings.stages, &hover)?;
+        let (lower, upper) = planned.bounds();
+        problem.set_bounds(&lower, &upper)?;
+        problem.set_soft_bounds(&soft_bounds(&planned, &settings.state_bounds)?)?;
+        let period = every as f64 * dt;
+        let observer = Observer::new(&believed, every, settings.estimate, period)?;
+        let mut commands = vec![0.0; plant.n_input()];
+        planned.write_commands(&inputs, &mut commands);
+        let row = vec![0.0; problem.model().n_parameter()];
+        let iteration = RealTimeIteration::new(problem, &inputs)?;
+        Ok(Self {
+            flat: FlatMotion::new(&planned)?,
+            effectiveness: vec![1.0; plant.rotor_places().len()],
+            given: vec![commands.clone(); settings.latency],
+            hover: commands.clone(),
+            settings: settings.clone(),
+            fallback: None,
+            falls_back: false,
+            statistics: MpcStatistics::default(),
+            last: None,
+            step: 0,
+            failed: 0,
+            is_fresh: true,
+            believed,
+            planned,
+            cost,
+            iteration,
+            observer,
+            every,
+            period,
+            row,
+            commands,
+        })
+    }
+
+    /// The same with a controller that flies while no plan is found.
+    #[must_use]
+    pub fn with_fallback(mut self, fallback: Box<dyn Controller>) -> Self {
+        self.fallback = Some(fallback);
+        self
+    }
+
+    /// Its settings.
+    pub fn settings(&self) -> &MpcSettings {
+        &self.settings
+    }
+
+    /// The plant that plans are made with.
+    pub fn planned(&self) -> &PlannedPlant {
+        &self.planned
+    }
+
+    /// The problem and the plan that stands.
+    pub fn iteration(&self) -> &RealTimeIteration {
+        &self.iteration
+    }
+
+    /// What it has done since it was reset.
+    pub fn statistics(&self) -> &MpcStatistics {
+        &self.statistics
+    }
+
+    /// What the last tick came to; nothing before the first.
+    pub fn last(&self) -> Option<&TickReport> {
+        self.last.as_ref()
+    }
+
+    /// Force (N, world) and moment (N m, body) on the root that the model does not have.
+    pub fn disturbance(&self) -> ([f64; 3], [f64; 3]) {
+        let d = &self.observer.estimate;
+        ([d[0], d[1], d[2]], [d[3], d[4], d[5]])
+    }
+
+    /// Says what every stage is about: the reference from `time` on, and the disturbance.
+    fn aim(&mut self, target: Target<'_>, time: f64) -> Result<()> {
+        let Self { iteration, cost, flat, planned, settings, row, observer, .. } = self;
+        let (n, m) = (planned.n_parameter(), planned.n_input());
+        let mut inputs = vec![0.0; m];
+        let none = TrackingWeights::zero();
+        for stage in 0..=settings.stages {
+            let sample = target.reference.sample(time + stage as f64 * settings.stage);
+            let motion = flat.at(&sample, &mut inputs);
+            row.fill(0.0);
+            let (force, moment) = ([0, 1, 2].map(|k| observer.estimate[k]), [3, 4, 5].map(|k| observer.estimate[k]));
+            Disturbance { force, moment, ..Disturbance::none() }.write(&mut row[..n.min(9)]);
+            let is_end = stage == settings.stages;
+            let weights = if is_end && settings.endless { &none } else { &settings.weights };
+            cost.write_parameters(&motion, &inputs, weights, &mut row[n..]);
+            iteration.problem_mut().set_parameters(stage, row)?;
+        }
+        Ok(())
+    }
+
+    /// A plan that holds the reference as if it were followed without error.
+    fn begin_at_reference(&mut self, target: Target<'_>, time: f64, state: &[f64]) -> Result<()> {
+        let mut plan = self.iteration.plan().clone();
+        let (n, m) = (self.planned.n_state(), self.planned.n_input());
+        let hover = self.cost.hover().to_vec();
+        for stage in 0..=self.settings.stages {
+            let sample = target.reference.sample(time + stage as f64 * self.settings.stage);
+            let row = &mut plan.states[stage * n..(stage + 1) * n];
+            row.copy_from_slice(&hover);
+            let mut inputs = vec![0.0; m];
+            let motion = self.flat.at(&sample, &mut inputs);
+            // from where it is, at the reference's attitude
+            motion.write(row);
+            if stage < self.settings.stages {
+                plan.inputs[stage * m..(stage + 1) * m].copy_from_slice(&inputs);
+            }
+        }
+        plan.states[..n].copy_from_slice(state);
+        self.iteration.begin_with(&plan)
+    }
+
+    /// The plant's state when commands that are given now will act.
+    fn when_commands_act(&self, state: &[f64]) -> Vec<f64> {
+        let mut own = state.to_vec();
+        for given in &self.given {
+            own = self.foretell(&own, given);
+        }
+        own
+    }
+
+    /// One step of the plant under commands and the estimated disturbance.
+    fn foretell(&self, state: &[f64], commands: &[f64]) -> Vec<f64> {
+        let mut input = vec![0.0; self.believed.n_input()];
+        let n = commands.len().min(input.len());
+        input[..n].copy_from_slice(&commands[..n]);
+        if let Some(first) = self.believed.disturbances().first() {
+            let (force, moment) = self.disturbance();
+            Disturbance { force, moment, ..Disturbance::none() }.write(&mut input[*first..]);
+        }
+        let theta = if self.believed.n_parameter() > 0 { self.believed.parameters() } else { Vec::new() };
+        let mut next = vec![0.0; state.len()];
+        self.believed.step(state, &input, &theta, &mut next);
+        next
+    }
+
+    /// One tick: plans, and leaves the commands.
+    fn plan(&mut self, seen: &Measurement<'_>, target: Target<'_>) -> Result<()> {
+        let late = self.settings.latency as f64 * self.believed.physics().dt;
+        let ahead = self.when_commands_act(seen.state);
+        let state = self.planned.state_of(&ahead)?;
+        base::error::finite("state", &state)?;
+        let time = seen.time + late;
+        self.aim(target, time)?;
+        if self.is_fresh {
+            self.begin_at_reference(target, time, &state)?;
+        } else {
+            self.iteration.carry_on((self.period / self.settings.stage).min(1.0));
+        }
+        let iterations = if self.is_fresh { FIRST_ITERATIONS } else { self.settings.iterations };
+        let report = self.iteration.tick(&state, iterations, 1e-9);
+        self.last = Some(report);
+        self.statistics.recursions += report.recursions as u64;
+        if !report.is_usable() {
+            return Err(Error::value("program of a tick", format!("{:?}", report.qp.status), "solved", "Fly on."));
+        }
+        self.statistics.residual = self.statistics.residual.max(report.qp.residual);
+        self.is_fresh = false;
+        Ok(())
+    }
+
+    /// Commands of the plan's first inputs.
+    fn command(&mut self) {
+        let inputs = self.iteration.input(0).to_vec();
+        self.planned.write_commands(&inputs, &mut self.commands);
+        for (i, rotor) in self.believed.rotor_places().iter().enumerate() {
+            let left = self.effectiveness[i];
+            if left < 1.0 {
+                // a weak rotor turns slower at the same command
+                let share = 0.5 * (self.commands[rotor.action] + 1.0) / left.max(1e-6);
+                self.commands[rotor.action] = 2.0 * share.clamp(0.0, 1.0) - 1.0;
+            }
+        }
+    }
+}
+
+impl MpcSettings {
+    /// Checks their ranges: 1 to 1000 stages of (0, 1] s, iterations and substeps ≥ 1, rate > 0, estimate ≥ 0.
+    ///
+    /// # Errors
+    /// [`Error::Value`] or [`Error::Limit`] for the first outside.
+    pub fn validate(&self) -> Result<()> {
+        for (what, value, most) in [
+            ("mpc: stages", self.stages, 1000),
+            ("mpc: iterations", self.iterations, 1000),
+            ("mpc: substeps", self.substeps, 1000),
+        ] {
+            if value == 0 {
+                return Err(Error::value(what, 0, "≥ 1", "Leave it out for the default."));
+            }
+            if value > most {
+                return Err(Error::limit(what, value, most, "Leave it out for the default."));
+            }
+        }
+        let ranges = [
+            ("mpc: stage", self.stage, self.stage > 0.0 && self.stage <= 1.0, "in (0, 1] s"),
+            ("mpc: rate", self.rate, self.rate > 0.0 && self.rate.is_finite(), "> 0 Hz"),
+            ("mpc: estimate", self.estimate, (0.0..=1e4).contains(&self.estimate), "within [0, 10⁴] 1/s"),
+        ];
+        if let Some((what, value, _, rule)) = ranges.into_iter().find(|row| !row.2) {
+            return Err(Error::value(what, value, rule, "Leave it out for the default."));
+        }
+        check_latency(self.latency)?;
+        self.weights.validate()?;
+        if self.weights.input <= 0.0 {
+            let remedy = "Weigh inputs, so that there is one best plan.";
+            return Err(Error::value("weights.input", self.weights.input, "> 0", remedy));
+        }
+        Ok(())
+    }
+}
+
+/// The same model under other physics.
+fn rebuilt(plant: &Plant, physics: Physics) -> Result<Plant> {
+    match plant {
+        Plant::Rigid(m) => Plant::of_vehicle(m.vehicle(), physics),
+        Plant::Tree(m) => Plant::of_model(m.model(), physics),
+    }
+}
+
+/// Steps between ticks that come at most so often.
+fn ticks_every(rate: f64, dt: f64) -> Result<u64> {
+    let most = (1.0 / dt).round();
+    let mut every = (most / rate).ceil().max(1.0);
+    // rates divide 1/dt
+    while every < most && (most % every) != 0.0 {
+        every += 1.0;
+    }
+    let own = most / every;
+    if RateDivisors::new(&Rates { rate: own, attitude: own, velocity: own }, dt).is_err() {
+        return Ok(1);
+    }
+    Ok(every as u64)
+}
+
+fn soft_bounds(planned: &PlannedPlant, bounds: &[StateBound]) -> Result<Vec<SoftBound>> {
+    let all = planned.plant().state_quantities();
+    let names: Vec<String> = planned.kept().iter().map(|k| all[*k].name.clone()).collect();
+    let of = |bound: &StateBound| {
+        let found = names.iter().position(|name| *name == bound.state);
+        let state = found.ok_or_else(|| Error::Unknown {
+            kind: "number of the state",
+            name: bound.state.clone(),
+            known: names.clone(),
+        })?;
+        Ok(SoftBound { state, lower: bound.range[0], upper: bound.range[1], weight: bound.weight })
+    };
+    bounds.iter().map(of).collect()
+}
+
+/// P of the endless flight near hover: of the plan's own step and cost.
+fn endless_cost(
+    planned: &PlannedPlant,
+    cost: &TrackingCost,
+    weights: &TrackingWeights,
+    hover: &[f64],
+    inputs: &[f64],
+) -> Result<DMatrix<f64>> {
+    let errors = planned.errors()?;
+    let theta = vec![0.0; planned.n_parameter()];
+    let (a, b) = errors.reduce(hover, &linearise(planned, hover, inputs, &theta));
+    let (q, r) = cost.hessian_at_hover(weights);
+    Ok(riccati::discrete(&a, &b, &q, &r)?.matrix)
+}
+
+impl Observer {
+    fn new(believed: &Plant, every: u64, rate: f64, period: f64) -> Result<Self> {
+        let mass = believed.mass();
+        let (hover, mut input) = (believed.hover_state()?, vec![0.0; believed.n_input()]);
+        for rotor in believed.rotor_places() {
+            input[rotor.action] = dynamics::rotor::holding_action(rotor.max_speed, hover[rotor.speed]);
+        }
+        let theta = if believed.n_parameter() > 0 { believed.parameters() } else { Vec::new() };
+        let first = believed.disturbances().first().copied().unwrap_or(0) + 3;
+        // what a force and a moment change of the velocities in one step, times the steps of a tick
+        let own = linearise(believed, &hover, &input, &theta);
+        let rows = [3, 4, 5, 10, 11, 12];
+        let effect = Matrix6::from_fn(|i, j| own.input[(rows[i], first + j)] * every as f64);
+        let inverse = effect.try_inverse().unwrap_or_else(Matrix6::zeros);
+        let lever = believed.rotors().iter().map(|r| r.max_thrust()).sum::<f64>();
+        let most = [3.0 * 9.81 * mass; 3].into_iter().chain([0.5 * lever; 3]);
+        Ok(Self {
+            share: 1.0 - (-rate * period).exp(),
+            inverse,
+            estimate: Vector6::zeros(),
+            most: Vector6::from_iterator(most),
+            foretold: None,
+        })
+    }
+
+    fn learn(&mut self, state: &[f64]) {
+        let Some(foretold) = self.foretold.take() else { return };
+        let now = velocities(state);
+        let missing = Vector6::from_fn(|k, _| now[k] - foretold[k]);
+        let learnt = self.estimate + self.share * (self.inverse * missing);
+        if learnt.iter().all(|x| x.is_finite()) {
+            self.estimate = learnt.zip_map(&self.most, |x, most| x.clamp(-most, most));
+        }
+    }
+}
+
+/// Velocity and angular velocity of the root.
+fn velocities(state: &[f64]) -> [f64; 6] {
+    [state[3], state[4], state[5], state[10], state[11], state[12]]
+}
+
+impl Controller for Mpc {
+    fn name(&self) -> &str {
+        "mpc"
+    }
+
+    fn description(&self) -> String {
+        let MpcSettings { stages, stage, .. } = &self.settings;
+        let rate = 1.0 / self.period;
+        format!("plans {stages} stages of {:.0} ms, {rate:.0} times a second", 1e3 * stage)
+    }
+
+    fn tracked(&self, state: &[f64]) -> Kinematics<f64> {
+        if self.settings.tracked.is_none() {
+            return Kinematics::read(state);
+        }
+        self.planned.state_of(state).map_or_else(|_| Kinematics::read(state), |own| self.cost.tracked(&own))
+    }
+
+    fn reset(&mut self) {
+        self.step = 0;
+        self.failed = 0;
+        self.is_fresh = true;
+        self.falls_back = false;
+        self.observer.estimate = Vector6::zeros();
+        self.observer.foretold = None;
+        self.given.iter_mut().for_each(|given| given.clone_from(&self.hover));
+        self.commands.clone_from(&self.hover);
+        self.statistics = MpcStatistics::default();
+        self.last = None;
+        if let Some(fallback) = &mut self.fallback {
+            fallback.reset();
+        }
+    }
+
+    fn tick(&mut self, seen: Measurement<'_>, target: Target<'_>, commands: &mut [f64]) {
+        if self.step.is_multiple_of(self.every) {
+            let begin = Instant::now();
+            if self.observer.share > 0.0 {
+                self.observer.learn(seen.state);
+            }
+            self.statistics.ticks += 1;
+            match self.plan(&seen, target) {
+                Ok(()) => {
+                    (self.failed, self.falls_back) = (0, false);
+                    self.command();
+                }
+                Err(_) => {
+                    self.failed += 1;
+                    if self.failed <= PATIENCE && !self.is_fresh {
+                        self.statistics.kept += 1;
+                        self.command();
+                    } else {
+                        self.statistics.fallen_back += 1;
+                        if !self.falls_back {
+                            self.fallback.iter_mut().for_each(|own| own.reset());
+                        }
+                        (self.falls_back, self.is_fresh) = (true, true);
+                        self.commands.clone_from(&self.hover);
+                    }
+                }
+            }
+            if self.statistics.times.len() < MAX_TIMES {
+                self.statistics.times.push(begin.elapsed().as_secs_f32());
+            }
+        }
+        if self.falls_back
+            && let Some(fallback) = &mut self.fallback
+        {
+            fallback.tick(seen, target, &mut self.commands);
+        }
+        commands.copy_from_slice(&self.commands[..commands.len()]);
+        self.given.push(self.commands.clone());
+        let acts = self.given.remove(0);
+        // the velocities at the next tick, step by step from what is measured now
+        if self.observer.share > 0.0 && self.step.is_multiple_of(self.every) {
+            self.foretell_tick(seen.state, &acts);
+        }
+        self.step += 1;
+    }
+
+    fn tell(&mut self, effectiveness: &[f64]) -> Result<()> {
+        self.effectiveness.copy_from_slice(effectiveness);
+        let (mut lower, mut upper) = self.planned.bounds();
+        let places = self.believed.rotor_places();
+        for (rotor, left) in places.iter().zip(effectiveness) {
+            if let Some(i) = self.planned.commands().iter().position(|k| *k == rotor.action) {
+                let most = left.sqrt().max(1e-3);
+                (lower[i], upper[i]) = (lower[i].min(most), upper[i].min(most));
+            }
+        }
+        self.iteration.problem_mut().set_bounds(&lower, &upper)?;
+        match &mut self.fallback {
+            Some(fallback) => fallback.tell(effectiveness),
+            None => Ok(()),
+        }
+    }
+
+    fn notes(&self) -> Vec<Note> {
+        let own = &self.statistics;
+        let mut times: Vec<f32> = own.times.clone();
+        times.sort_by(f32::total_cmp);
+        let at = |share: f64| times.get(((times.len() as f64 * share) as usize).min(times.len().saturating_sub(1)));
+        let per_tick = own.recursions as f64 / own.ticks.max(1) as f64;
+        let mut notes = vec![Note::new(
+            "plans",
+            format!("{} of {} ticks", own.ticks - own.kept - own.fallen_back, own.ticks),
+            format!("{per_tick:.1} recursions a tick; the others flew on with the last plan ({}) or the fallback ({})", own.kept, own.fallen_back),
+        )];
+        if let (Some(median), Some(late)) = (at(0.5), at(0.99)) {
+            let value = format!("{:.2} ms", 1e3 * median);
+            notes.push(Note::new("time of a tick", value, format!("median; 99 % within {:.2} ms", 1e3 * late)));
+        }
+        notes
+    }
+}
+
+impl Mpc {
+    /// Foretells the velocities at the next tick, where `acts` acts now and what was given acts behind it.
+    fn foretell_tick(&mut self, state: &[f64], acts: &[f64]) {
+        let mut own = state.to_vec();
+        for k in 0..self.every as usize {
+            // what is given in steps to come is what is given now
+            let acting = match k.checked_sub(1) {
+                None => acts,
+                Some(k) => self.given.get(k).map_or(&self.commands[..], |given| given),
+            };
+            own = self.foretell(&own, acting);
+        }
+        self.observer.foretold = Some(velocities(&own));
+    }
+}

@@ -1,0 +1,221 @@
+//! Model predictive control by real-time iteration: one quadratic program a tick, about the plan of the last.
+//!
+//! The plan of the last tick is carried on to the time of this one, the problem is expanded about it, and its program is solved from the
+//! state that is measured; the step is taken whole. Plans need not obey the dynamics between ticks: gaps are closed as the next
+//! program does. With more iterations a tick it is full sequential quadratic programming.
+//!
+//! Source: Diehl, Bock and Schlöder 2005 (real-time iteration); Gros, Zanon, Quirynen, Bemporad and Diehl 2020.
+
+use super::problem::{OptimalProblem, OptimalTrajectory, length};
+use super::qp_solver::{QpReport, QpSettings, QpSolver, QpStatus};
+use super::stage_expansion::{Expanded, StageExpansion};
+use base::error::Result;
+
+/// Gaps of a plan, on average over its stages and in SI units, above which it is rolled out anew.
+const LARGEST_GAP: f64 = 5.0;
+
+/// A receding problem and the plan that stands; made once, ticks without allocation.
+#[derive(Debug, Clone)]
+pub struct RealTimeIteration {
+    problem: OptimalProblem,
+    expansion: StageExpansion,
+    solver: QpSolver,
+    plan: OptimalTrajectory,
+    settings: QpSettings,
+    error: Vec<f64>,
+}
+
+/// What a tick came to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TickReport {
+    /// Of the last program.
+    pub qp: QpReport,
+    /// Recursions of all programs.
+    pub recursions: usize,
+    /// Cost of the plan that the last program was made about.
+    pub cost: f64,
+    /// Σ |c| of its gaps.
+    pub gap: f64,
+    /// Largest number of the last step: of inputs in their ranges, of states in SI units.
+    pub step: f64,
+}
+
+impl TickReport {
+    /// Whether the plan can be flown: its program was solved, or stopped within its bounds.
+    pub fn is_usable(&self) -> bool {
+        matches!(self.qp.status, QpStatus::Solved | QpStatus::Stopped) && self.step.is_finite()
+    }
+}
+
+impl RealTimeIteration {
+    /// Of a problem, with the plan that rests at its start under these inputs, `[n_input]`.
+    ///
+    /// # Errors
+    /// [`Error::Value`](base::error::Error::Value) for another length; [`Error::Limit`](base::error::Error::Limit) for more than 1024 states
+    /// and inputs.
+    pub fn new(problem: OptimalProblem, inputs: &[f64]) -> Result<Self> {
+        let (n, m, stages) = (problem.model().n_state(), problem.model().n_input(), problem.n_stage());
+        length("inputs", inputs.len(), m)?;
+        let expansion = StageExpansion::new(&problem)?;
+        let n_error = problem.model().errors.n_error();
+        let plan = OptimalTrajectory {
+            states: problem.start().repeat(stages + 1),
+            inputs: inputs.repeat(stages),
+        };
+        Ok(Self {
+            solver: QpSolver::new(&expansion.qp),
+            error: vec![0.0; n_error],
+            settings: QpSettings::default(),
+            expansion,
+            plan,
+            problem,
+        })
+    }
+
+    /// The problem.
+    pub fn problem(&self) -> &OptimalProblem {
+        &self.problem
+    }
+
+    /// The problem, to say what a tick is about.
+    pub fn problem_mut(&mut self) -> &mut OptimalProblem {
+        &mut self.problem
+    }
+
+    /// The plan that stands.
+    pub fn plan(&self) -> &OptimalTrajectory {
+        &self.plan
+    }
+
+    /// Another plan to begin with.
+    ///
+    /// # Errors
+    /// [`Error::Value`](base::error::Error::Value) for another length, or numbers that are not finite.
+    pub fn begin_with(&mut self, plan: &OptimalTrajectory) -> Result<()> {
+        length("states of the plan", plan.states.len(), self.plan.states.len())?;
+        length("inputs of the plan", plan.inputs.len(), self.plan.inputs.len())?;
+        base::error::finite("states of the plan", &plan.states)?;
+        base::error::finite("inputs of the plan", &plan.inputs)?;
+        self.plan.clone_from(plan);
+        self.solver.forget();
+        Ok(())
+    }
+
+    /// Carries the plan on by a share of a stage, 0 to 1: states and inputs between those of two stages, the last ones kept.
+    pub fn carry_on(&mut self, share: f64) {
+        let (n, m) = (self.problem.model().n_state(), self.problem.model().n_input());
+        let stages = self.problem.n_stage();
+        let errors = &self.problem.model().errors;
+        for k in 0..stages {
+            let (own, next) = self.plan.states[k * n..(k + 2) * n].split_at_mut(n);
+            errors.write_difference(next, own, &mut self.error);
+            self.error.iter_mut().for_each(|e| *e *= share);
+            errors.move_by(own, &self.error);
+            if k + 1 < stages {
+                let (own, next) = self.plan.inputs[k * m..(k + 2) * m].split_at_mut(m);
+                own.iter_mut().zip(next).for_each(|(own, next)| *own += share * (*next - *own));
+            }
+        }
+        if share >= 1.0 {
+            self.solver.shift();
+        }
+    }
+
+    /// Plans from a state, `[n_state]`, by so many programs; fewer where a step is shorter than `tolerance`.
+    ///
+    /// # Panics
+    /// If `state` has another length.
+    pub fn tick(&mut self, state: &[f64], iterations: usize, tolerance: f64) -> TickReport {
+        let n = self.problem.model().n_state();
+        assert_eq!(state.len(), n, "states");
+        let mut recursions = 0;
+        let mut report = self.iterate(state);
+        recursions += report.qp.iterations;
+        for _ in 1..iterations {
+            if !report.is_usable() || report.step <= tolerance && report.gap <= tolerance {
+                break;
+            }
+            report = self.iterate(state);
+            recursions += report.qp.iterations;
+        }
+        TickReport { recursions, ..report }
+    }
+
+    fn iterate(&mut self, state: &[f64]) -> TickReport {
+        let (n, m) = (self.problem.model().n_state(), self.problem.model().n_input());
+        let stages = self.problem.n_stage();
+        let mut expanded = self.expansion.expand(&self.problem, &self.plan);
+        if !(expanded.gap <= LARGEST_GAP * stages as f64 && expanded.cost.is_finite()) {
+            self.roll_out(state);
+            expanded = self.expansion.expand(&self.problem, &self.plan);
+        }
+        let Expanded { cost, gap } = expanded;
+        let errors = &self.problem.model().errors;
+        errors.write_difference(state, &self.plan.states[..n], &mut self.error);
+        let qp = self.solver.solve(&self.expansion.qp, &self.error, &self.settings);
+        let mut step: f64 = 0.0;
+        if matches!(qp.status, QpStatus::Solved | QpStatus::Stopped) {
+            for k in 0..=stages {
+                let moved = self.solver.state(k);
+                step = moved.iter().fold(step, |step, x| largest(step, x.abs()));
+                errors.move_by(&mut self.plan.states[k * n..(k + 1) * n], moved);
+            }
+            for k in 0..stages {
+                let (lower, upper) = self.problem.bounds(k);
+                let moved = self.solver.input(k);
+                for (i, own) in self.plan.inputs[k * m..(k + 1) * m].iter_mut().enumerate() {
+                    let range = upper[i] - lower[i];
+                    let scale = if range.is_finite() && range > 0.0 { 1.0 / range } else { 1.0 };
+                    step = largest(step, scale * moved[i].abs());
+                    *own = (*own + moved[i]).max(lower[i]).min(upper[i]);
+                }
+            }
+        }
+        TickReport { qp, recursions: qp.iterations, cost, gap, step }
+    }
+
+    /// States that follow from a state and the inputs of the plan, as far as they are finite.
+    fn roll_out(&mut self, state: &[f64]) {
+        let (n, m) = (self.problem.model().n_state(), self.problem.model().n_input());
+        self.plan.states[..n].copy_from_slice(state);
+        for k in 0..self.problem.n_stage() {
+            let (own, next) = self.plan.states[k * n..(k + 2) * n].split_at_mut(n);
+            self.expansion.evaluate(&self.problem, k, own, &self.plan.inputs[k * m..(k + 1) * m]);
+            let found = &self.expansion.work.single_results[..n];
+            if found.iter().all(|x| x.is_finite()) {
+                next.copy_from_slice(found);
+            } else {
+                next.copy_from_slice(own);
+            }
+        }
+        self.solver.forget();
+    }
+
+    /// uₖ of the plan, `[n_input]`.
+    ///
+    /// # Panics
+    /// For a stage beyond N − 1.
+    pub fn input(&self, stage: usize) -> &[f64] {
+        let m = self.problem.model().n_input();
+        &self.plan.inputs[stage * m..(stage + 1) * m]
+    }
+
+    /// xₖ of the plan, `[n_state]`.
+    ///
+    /// # Panics
+    /// For a stage beyond N.
+    pub fn state(&self, stage: usize) -> &[f64] {
+        let n = self.problem.model().n_state();
+        &self.plan.states[stage * n..(stage + 1) * n]
+    }
+
+    /// The solver of the last program.
+    pub fn solver(&self) -> &QpSolver {
+        &self.solver
+    }
+}
+
+/// The larger, or what is no number.
+fn largest(a: f64, b: f64) -> f64 {
+    if b <= a { a } else { b }
+}
