@@ -9,6 +9,7 @@ use super::hover_feedback::{HoverFeedback, HoverWeights};
 use super::indi::IndiLaw;
 use super::law::LawController;
 use super::locked_joints::LockedJoints;
+use super::optimal::{Mpc, MpcSettings};
 use super::platform_controller::{self, PlatformController, is_platform};
 use super::start::free;
 use super::state_feedback::{Lqr, LqrWeights, suits};
@@ -75,7 +76,7 @@ impl ControllerEntry {
 }
 
 /// All controllers, the most special first.
-pub const REGISTRY: [ControllerEntry; 10] = [
+pub const REGISTRY: [ControllerEntry; 11] = [
     ControllerEntry {
         name: "cascade",
         flies: "one rigid vehicle",
@@ -205,6 +206,19 @@ pub const REGISTRY: [ControllerEntry; 10] = [
         suits: |plant| plant.tree().is_some_and(|m| !m.model().drones().is_empty()),
         may_fail: false,
         build: |plant, setup| Ok(Box::new(FormationController::new(tree(plant)?, setup.gains, setup.rates)?)),
+    },
+    ControllerEntry {
+        name: "mpc",
+        flies: "one vehicle, or one tree of bodies that floats, by planning ahead",
+        tunes: "15 weights",
+        is_batched: false,
+        suits: |plant| plant.tree().is_none_or(|m| free(m.model()).is_ok() && !m.model().rotors().is_empty()),
+        may_fail: false,
+        build: |plant, setup| {
+            let settings = MpcSettings::for_plant(plant);
+            let fallback = default_controller(plant, setup)?;
+            Ok(Box::new(Mpc::new(plant, &settings)?.with_fallback(fallback)))
+        },
     },
 ];
 

@@ -14,7 +14,7 @@
 //! Source: Sun, Romero, Foehn, Kaufmann, Scaramuzza, A Comparative Study of Nonlinear MPC and Differential-Flatness-Based Control for
 //! Quadrotor Agile Flight, T-RO 2022 (arXiv 2109.01365).
 
-use omnidrones::controllers::controller::Target;
+use omnidrones::controllers::controller::{Controller, Target};
 use omnidrones::controllers::design::Corner;
 use omnidrones::controllers::flight::LOST;
 use omnidrones::controllers::reference::{Ellipse, Reference};
@@ -289,19 +289,39 @@ impl Tracking {
     /// # Errors
     /// As the controller's.
     pub fn fly(&self, name: &str, condition: TrackingCondition, threads: &Threads) -> Result<TrackingRow> {
+        let rates = rates();
+        self.fly_with(name, |believed| controller(name, believed, &Setup::new(None, &rates)), condition, threads)
+    }
+
+    /// Likewise under a controller that `build` makes for the nominal vehicle.
+    ///
+    /// # Errors
+    /// As `build`.
+    pub fn fly_with(
+        &self,
+        name: &str,
+        build: impl Fn(&Plant) -> Result<Box<dyn Controller>> + Sync,
+        condition: TrackingCondition,
+        threads: &Threads,
+    ) -> Result<TrackingRow> {
+        let believed = Plant::of_vehicle(&self.vehicle, physics())?;
         let flights = threads.map(self.cells.len(), |i| -> Result<TrackingFlight> {
             let (cell, feasible) = self.cells[i];
-            Ok(TrackingFlight { cell, feasible, rmse: fly_cell(name, &self.vehicle, condition, &cell)? })
+            let rmse = fly_cell(build(&believed)?, &self.vehicle, condition, &cell)?;
+            Ok(TrackingFlight { cell, feasible, rmse })
         });
         let flights = flights.into_iter().collect::<Result<_>>()?;
         Ok(TrackingRow { controller: name.into(), condition, flights })
     }
 }
 
-fn fly_cell(name: &str, vehicle: &Vehicle, condition: TrackingCondition, cell: &TrackingCell) -> Result<Option<f64>> {
-    let (physics, rates, reference) = (physics(), rates(), cell.reference());
-    let believed = Plant::of_vehicle(vehicle, physics)?;
-    let law = controller(name, &believed, &Setup::new(None, &rates))?;
+fn fly_cell(
+    law: Box<dyn Controller>,
+    vehicle: &Vehicle,
+    condition: TrackingCondition,
+    cell: &TrackingCell,
+) -> Result<Option<f64>> {
+    let (physics, reference) = (physics(), cell.reference());
     let plant = Plant::of_vehicle(&condition.truth(vehicle), physics)?;
     let mut state = start_on(&plant, &law, &reference)?;
     let mut next = state.clone();

@@ -32,6 +32,7 @@ use base::defaults::with_defaults;
 use base::error::{Error, Result};
 use dynamics::{Disturbance, Effects, Physics, Plant};
 use nalgebra::{DMatrix, Matrix6, Vector6};
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -42,7 +43,8 @@ const PATIENCE: u64 = 10;
 const FIRST_ITERATIONS: usize = 15;
 
 /// A soft bound of a number of the plant's state.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct StateBound {
     /// Its name: `velocity_x`.
     pub state: String,
@@ -54,7 +56,8 @@ pub struct StateBound {
 
 with_defaults! {
     /// How an [`Mpc`] plans.
-    #[derive(Debug, Clone, PartialEq)]
+    #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
     pub struct MpcSettings {
         /// N.
         pub stages: usize = 20,
@@ -361,6 +364,15 @@ impl Mpc {
 }
 
 impl MpcSettings {
+    /// For a plant: of one with joints, these are held too.
+    pub fn for_plant(plant: &Plant) -> Self {
+        let mut settings = Self::default();
+        if plant.tree().is_some() {
+            settings.weights = TrackingWeights { joint: 1.0, joint_rate: 1.0, ..settings.weights };
+        }
+        settings
+    }
+
     /// Checks their ranges: 1 to 1000 stages of (0, 1] s, iterations and substeps ≥ 1, rate > 0, estimate ≥ 0.
     ///
     /// # Errors

@@ -20,15 +20,17 @@ use dynamics::plant::RotorPlace;
 use dynamics::spatial::{Quat, Vec3, conjugate, multiply, rotate, rotate_back, sub};
 use nalgebra::DMatrix;
 use num_dual::Dual64;
+use serde::{Deserialize, Serialize};
 
 with_defaults! {
     /// Weights of [`TrackingCost`], each per second of the flight and per square of its unit; at the end not per second.
-    #[derive(Debug, Clone, Copy, PartialEq)]
+    #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
     pub struct TrackingWeights {
         /// Of the tracked position, world, 1/m².
-        pub position: [f64; 3] = [200.0, 200.0, 500.0],
+        pub position: [f64; 3] = [600.0, 600.0, 1500.0],
         /// Of its velocity, world, s²/m².
-        pub velocity: [f64; 3] = [1.0; 3],
+        pub velocity: [f64; 3] = [5.0; 3],
         /// Of the root's attitude, body, 1/rad².
         pub attitude: [f64; 3] = [5.0, 5.0, 200.0],
         /// Of its angular velocity, body, s²/rad².
@@ -38,7 +40,7 @@ with_defaults! {
         /// Of its rate.
         pub joint_rate: f64 = 0.0,
         /// Of every input from that of the reference, in shares of its range.
-        pub input: f64 = 6.0,
+        pub input: f64 = 2.0,
     }
 }
 
