@@ -11,6 +11,9 @@ use base::error::Result;
 use dynamics::spatial::{from_matrix, multiply, rotate_back};
 use dynamics::{MAX_ROTORS, Plant};
 
+/// Specific force below which its direction says nothing, m/s².
+const FREE_FALL: f64 = 2.0;
+
 /// Of a rigid vehicle by differential flatness with linear drag; of other plants upright at the heading of the reference, with the inputs of
 /// hover.
 #[derive(Debug, Clone)]
@@ -57,8 +60,9 @@ impl FlatMotion {
         Ok(Self { vehicle, hover, attitude })
     }
 
-    /// Motion of the root's attitude and rates with position and velocity of the reference, and the inputs.
-    pub(super) fn at(&self, sample: &Setpoint<f64>, inputs: &mut [f64]) -> Kinematics<f64> {
+    /// Motion of the root's attitude and rates with position and velocity of the reference, and the inputs. Near free fall, where the map
+    /// has no attitude, it is the one `before`.
+    pub(super) fn at(&self, sample: &Setpoint<f64>, before: [f64; 4], inputs: &mut [f64]) -> Kinematics<f64> {
         let (s, c) = (0.5 * sample.yaw).sin_cos();
         let mut motion = Kinematics {
             velocity: sample.velocity,
@@ -71,7 +75,13 @@ impl FlatMotion {
         let (orientation, wrench) = flat_command(&own.body, sample);
         let attitude = multiply(from_matrix(orientation.attitude), self.attitude);
         let rates = rotate_back(self.attitude, orientation.angular_velocity);
-        // not for free fall or a force along the heading
+        if wrench[0] < FREE_FALL * own.body.mass {
+            motion.attitude = before;
+            motion.angular_velocity = [0.0; 3];
+            inputs.copy_from_slice(&own.lower);
+            return motion;
+        }
+        // not for a force along the heading
         if attitude.iter().chain(&rates).chain(&wrench).all(|x| x.is_finite()) {
             (motion.attitude, motion.angular_velocity) = (attitude, rates);
             for (i, input) in inputs.iter_mut().enumerate() {

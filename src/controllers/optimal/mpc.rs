@@ -259,14 +259,16 @@ impl Mpc {
     }
 
     /// Says what every stage is about: the reference from `time` on, and the disturbance.
-    fn aim(&mut self, target: Target<'_>, time: f64) -> Result<()> {
+    fn aim(&mut self, target: Target<'_>, time: f64, attitude: [f64; 4]) -> Result<()> {
         let Self { iteration, cost, flat, planned, settings, row, observer, .. } = self;
         let (n, m) = (planned.n_parameter(), planned.n_input());
         let mut inputs = vec![0.0; m];
         let none = TrackingWeights::zero();
+        let mut attitude = attitude;
         for stage in 0..=settings.stages {
             let sample = target.reference.sample(time + stage as f64 * settings.stage);
-            let motion = flat.at(&sample, &mut inputs);
+            let motion = flat.at(&sample, attitude, &mut inputs);
+            attitude = motion.attitude;
             row.fill(0.0);
             let (force, moment) = ([0, 1, 2].map(|k| observer.estimate[k]), [3, 4, 5].map(|k| observer.estimate[k]));
             Disturbance { force, moment, ..Disturbance::none() }.write(&mut row[..n.min(9)]);
@@ -283,12 +285,14 @@ impl Mpc {
         let mut plan = self.iteration.plan().clone();
         let (n, m) = (self.planned.n_state(), self.planned.n_input());
         let hover = self.cost.hover().to_vec();
+        let mut attitude = [state[6], state[7], state[8], state[9]];
         for stage in 0..=self.settings.stages {
             let sample = target.reference.sample(time + stage as f64 * self.settings.stage);
             let row = &mut plan.states[stage * n..(stage + 1) * n];
             row.copy_from_slice(&hover);
             let mut inputs = vec![0.0; m];
-            let motion = self.flat.at(&sample, &mut inputs);
+            let motion = self.flat.at(&sample, attitude, &mut inputs);
+            attitude = motion.attitude;
             // from where it is, at the reference's attitude
             motion.write(row);
             if stage < self.settings.stages {
@@ -330,7 +334,7 @@ impl Mpc {
         let state = self.planned.state_of(&ahead)?;
         base::error::finite("state", &state)?;
         let time = seen.time + late;
-        self.aim(target, time)?;
+        self.aim(target, time, [state[6], state[7], state[8], state[9]])?;
         if self.is_fresh {
             self.begin_at_reference(target, time, &state)?;
         } else {

@@ -27,13 +27,16 @@ pub enum PlannedInput {
 /// A plant whose inputs are planned: a [`System`] of states x, inputs u of its rotors and drives, and, where the effect
 /// `disturbance` is on, nine parameters: wind, force and moment on each tree.
 ///
-/// States are those of the plant; with thrusts as inputs, without rotor speeds. Drives keep their commands in [−1, 1].
+/// States are those of the plant, but rotor speeds as shares of their largest, so that all numbers are of one size; with thrusts as
+/// inputs there are none. Drives keep their commands in [−1, 1].
 #[derive(Debug, Clone)]
 pub struct PlannedPlant {
     plant: Plant,
     input: PlannedInput,
     /// Numbers of the plant's state that are states here.
     kept: Vec<usize>,
+    /// The unit of each, 1 but for rotor speeds.
+    units: Vec<f64>,
     /// Numbers of the plant's input that are inputs here.
     commands: Vec<usize>,
     /// The rotor that each of them steers.
@@ -59,8 +62,11 @@ impl PlannedPlant {
         let is_kept = |k: &usize| input == PlannedInput::Speed || places.iter().all(|rotor| rotor.speed != *k);
         let of = |k: &usize| places.iter().position(|rotor| rotor.action == *k);
         let thrusts: Vec<f64> = plant.rotors().iter().map(|rotor| rotor.max_thrust()).collect();
+        let kept: Vec<usize> = (0..plant.n_state()).filter(is_kept).collect();
+        let unit = |k: &usize| places.iter().find(|rotor| rotor.speed == *k).map_or(1.0, |rotor| rotor.max_speed);
         Ok(Self {
-            kept: (0..plant.n_state()).filter(is_kept).collect(),
+            units: kept.iter().map(unit).collect(),
+            kept,
             rotors: commands.iter().map(|k| of(k).map(|i| places[i])).collect(),
             max_thrust: commands.iter().map(|k| of(k).map_or(0.0, |i| thrusts[i])).collect(),
             commands,
@@ -106,7 +112,7 @@ impl PlannedPlant {
     /// [`Error::Value`] for another length.
     pub fn state_of(&self, plant_state: &[f64]) -> Result<Vec<f64>> {
         length("state of the plant", plant_state.len(), self.plant.n_state())?;
-        Ok(self.kept.iter().map(|k| plant_state[*k]).collect())
+        Ok(self.kept.iter().zip(&self.units).map(|(k, unit)| plant_state[*k] / unit).collect())
     }
 
     /// Least and largest inputs: those of rotors as [`PlannedInput`] says, −1 and 1 of drives; 10⁻⁹ of them within, where commands are not
@@ -194,9 +200,16 @@ impl PlannedPlant {
         self.whole(state, inputs)
     }
 
+    /// Writes the states at their places in the plant's.
+    pub(super) fn write_whole<S: Scalar>(&self, state: &[S], whole: &mut [S]) {
+        for ((k, unit), x) in self.kept.iter().zip(&self.units).zip(state) {
+            whole[*k] = if *unit == 1.0 { *x } else { *x * S::constant(*unit) };
+        }
+    }
+
     fn whole<S: Scalar>(&self, state: &[S], input: &[S]) -> Vec<S> {
         let mut whole = vec![S::zero(); self.plant.n_state()];
-        self.kept.iter().zip(state).for_each(|(k, x)| whole[*k] = *x);
+        self.write_whole(state, &mut whole);
         if self.input == PlannedInput::Thrust {
             for (i, rotor) in self.rotors.iter().enumerate() {
                 if let Some(rotor) = rotor {
@@ -233,6 +246,8 @@ impl System for PlannedPlant {
         };
         let mut whole = vec![S::zero(); self.plant.n_state()];
         self.plant.step(&self.whole(state, input), &commands, &theta, &mut whole);
-        next.iter_mut().zip(&self.kept).for_each(|(next, k)| *next = whole[*k]);
+        for ((next, k), unit) in next.iter_mut().zip(&self.kept).zip(&self.units) {
+            *next = if *unit == 1.0 { whole[*k] } else { whole[*k] * S::constant(1.0 / unit) };
+        }
     }
 }

@@ -14,6 +14,9 @@ use base::error::Result;
 /// Gaps of a plan, on average over its stages and in SI units, above which it is rolled out anew.
 const LARGEST_GAP: f64 = 5.0;
 
+/// Share of what a step is expected to gain that it must gain.
+const ENOUGH: f64 = 0.05;
+
 /// A receding problem and the plan that stands; made once, ticks without allocation.
 #[derive(Debug, Clone)]
 pub struct RealTimeIteration {
@@ -23,6 +26,8 @@ pub struct RealTimeIteration {
     plan: OptimalTrajectory,
     settings: QpSettings,
     error: Vec<f64>,
+    moved: Vec<f64>,
+    trial: OptimalTrajectory,
 }
 
 /// What a tick came to.
@@ -65,6 +70,8 @@ impl RealTimeIteration {
         Ok(Self {
             solver: QpSolver::new(&expansion.qp),
             error: vec![0.0; n_error],
+            moved: vec![0.0; n_error],
+            trial: plan.clone(),
             settings: QpSettings::default(),
             expansion,
             plan,
@@ -142,36 +149,85 @@ impl RealTimeIteration {
     }
 
     fn iterate(&mut self, state: &[f64]) -> TickReport {
-        let (n, m) = (self.problem.model().n_state(), self.problem.model().n_input());
-        let stages = self.problem.n_stage();
+        let n = self.problem.model().n_state();
         let mut expanded = self.expansion.expand(&self.problem, &self.plan);
-        if !(expanded.gap <= LARGEST_GAP * stages as f64 && expanded.cost.is_finite()) {
+        if !(expanded.gap <= LARGEST_GAP * self.problem.n_stage() as f64 && expanded.cost.is_finite()) {
             self.roll_out(state);
             expanded = self.expansion.expand(&self.problem, &self.plan);
         }
         let Expanded { cost, gap } = expanded;
         let errors = &self.problem.model().errors;
         errors.write_difference(state, &self.plan.states[..n], &mut self.error);
+        let gap = gap + self.error.iter().map(|e| e.abs()).sum::<f64>();
         let qp = self.solver.solve(&self.expansion.qp, &self.error, &self.settings);
-        let mut step: f64 = 0.0;
+        let mut step = 0.0;
         if matches!(qp.status, QpStatus::Solved | QpStatus::Stopped) {
-            for k in 0..=stages {
-                let moved = self.solver.state(k);
-                step = moved.iter().fold(step, |step, x| largest(step, x.abs()));
-                errors.move_by(&mut self.plan.states[k * n..(k + 1) * n], moved);
-            }
-            for k in 0..stages {
-                let (lower, upper) = self.problem.bounds(k);
-                let moved = self.solver.input(k);
-                for (i, own) in self.plan.inputs[k * m..(k + 1) * m].iter_mut().enumerate() {
-                    let range = upper[i] - lower[i];
-                    let scale = if range.is_finite() && range > 0.0 { 1.0 / range } else { 1.0 };
-                    step = largest(step, scale * moved[i].abs());
-                    *own = (*own + moved[i]).max(lower[i]).min(upper[i]);
-                }
-            }
+            step = self.advance(cost, gap);
         }
         TickReport { qp, recursions: qp.iterations, cost, gap, step }
+    }
+
+    /// Goes the longest of the steps 1, ½, ¼, ⅛ that lowers the cost with its gaps, the shortest of them if none does; the largest number of
+    /// the step.
+    fn advance(&mut self, cost: f64, gap: f64) -> f64 {
+        let stages = self.problem.n_stage();
+        // a gap costs at most its costate
+        let of_stage = |k: usize| self.solver.costate(k).iter().fold(0.0, |most: f64, x| most.max(x.abs()));
+        let weight = (0..=stages).map(of_stage).fold(0.0, f64::max);
+        let slope = self.solver.slope(&self.expansion.qp) - weight * gap;
+        let merit = cost + weight * gap;
+        let mut length = 1.0;
+        loop {
+            let step = self.write_trial(length);
+            let (found, left) = self.judge_trial();
+            let own = found + weight * (left + (1.0 - length) * self.error.iter().map(|e| e.abs()).sum::<f64>());
+            let is_lower = own <= merit + ENOUGH * length * slope + 1e-12 * merit.abs();
+            if is_lower || length <= 0.125 || !step.is_finite() {
+                std::mem::swap(&mut self.plan, &mut self.trial);
+                return step;
+            }
+            length *= 0.5;
+        }
+    }
+
+    /// The plan after a share of the solver's step; its largest number.
+    fn write_trial(&mut self, length: f64) -> f64 {
+        let (n, m) = (self.problem.model().n_state(), self.problem.model().n_input());
+        let Self { problem, solver, plan, trial, moved, .. } = self;
+        let mut step: f64 = 0.0;
+        trial.states.copy_from_slice(&plan.states);
+        for k in 0..=problem.n_stage() {
+            moved.iter_mut().zip(solver.state(k)).for_each(|(moved, x)| *moved = length * x);
+            step = moved.iter().fold(step, |step, x| largest(step, x.abs()));
+            problem.model().errors.move_by(&mut trial.states[k * n..(k + 1) * n], moved);
+        }
+        for k in 0..problem.n_stage() {
+            let (lower, upper) = problem.bounds(k);
+            for (i, moved) in solver.input(k).iter().enumerate() {
+                let range = upper[i] - lower[i];
+                let scale = if range.is_finite() && range > 0.0 { 1.0 / range } else { 1.0 };
+                step = largest(step, scale * length * moved.abs());
+                trial.inputs[k * m + i] = (plan.inputs[k * m + i] + length * moved).max(lower[i]).min(upper[i]);
+            }
+        }
+        step
+    }
+
+    /// Cost and gaps of the trial.
+    fn judge_trial(&mut self) -> (f64, f64) {
+        let (n, m) = (self.problem.model().n_state(), self.problem.model().n_input());
+        let Self { problem, expansion, trial, moved, .. } = self;
+        let (mut cost, mut gap) = (0.0, 0.0);
+        for k in 0..problem.n_stage() {
+            let state = &trial.states[k * n..(k + 1) * n];
+            cost += expansion.evaluate(problem, k, state, &trial.inputs[k * m..(k + 1) * m]);
+            let next = &expansion.work.single_results[..n];
+            problem.model().errors.write_difference(next, &trial.states[(k + 1) * n..(k + 2) * n], moved);
+            gap += moved.iter().map(|e| e.abs()).sum::<f64>();
+        }
+        let stages = problem.n_stage();
+        cost += expansion.evaluate(problem, stages, &trial.states[stages * n..], &[]);
+        (cost + expansion.soft_cost(trial), gap)
     }
 
     /// States that follow from a state and the inputs of the plan, as far as they are finite.

@@ -126,8 +126,8 @@ pub struct TrackingCost {
 enum Rest {
     Joint,
     JointRate,
-    /// At this number of the state, steered by this input, rad/s at its largest.
-    RotorSpeed { at: usize, input: usize, max_speed: f64 },
+    /// At this number of the state, steered by this input.
+    RotorSpeed { at: usize, input: usize },
 }
 
 impl TrackingCost {
@@ -156,9 +156,7 @@ impl TrackingCost {
             let own = plant.kept()[at];
             let steers = |rotor: &RotorPlace| plant.commands().iter().position(|k| *k == rotor.action);
             let kind = match places.iter().find(|rotor| rotor.speed == own) {
-                Some(rotor) => {
-                    Rest::RotorSpeed { at, input: steers(rotor).unwrap_or(0), max_speed: rotor.max_speed }
-                }
+                Some(rotor) => Rest::RotorSpeed { at, input: steers(rotor).unwrap_or(0) },
                 None if quantities[own].unit.ends_with("/s") => Rest::JointRate,
                 None => Rest::Joint,
             };
@@ -308,7 +306,7 @@ impl TrackingCost {
         }
         let plant = self.plant.plant();
         let mut whole = vec![S::zero(); plant.n_state()];
-        self.plant.kept().iter().zip(state).for_each(|(k, x)| whole[*k] = *x);
+        self.plant.write_whole(state, &mut whole);
         let theta: Vec<S> = match plant.n_parameter() {
             0 => Vec::new(),
             _ => plant.parameters().into_iter().map(S::constant).collect(),
@@ -353,7 +351,7 @@ impl TrackingCost {
         for (kind, error) in self.rest.iter().zip(self.rest_errors(state)) {
             all.push(match kind {
                 // from the speeds that the reference asks for
-                Rest::RotorSpeed { at, input, max_speed } => state[*at] - inputs[*input] * S::constant(*max_speed),
+                Rest::RotorSpeed { at, input } => state[*at] - inputs[*input],
                 _ => error,
             });
         }
