@@ -144,7 +144,7 @@ impl TrackingCost {
         let (hover, input) = plant.hover()?;
         let whole = plant.plant_state(&hover, &input);
         let mut frames = vec![0.0; n * Kinematics::<f64>::DIM];
-        let theta = if plant.plant().n_parameter() > 0 { plant.plant().parameters() } else { Vec::new() };
+        let theta = plant.plant().parameters();
         plant.plant().write_frames(&theta, &whole, &mut frames);
         let place = |body: usize| frames.array::<3>(body * Kinematics::<f64>::DIM);
         let (lower, upper) = plant.bounds();
@@ -307,10 +307,7 @@ impl TrackingCost {
         let plant = self.plant.plant();
         let mut whole = vec![S::zero(); plant.n_state()];
         self.plant.write_whole(state, &mut whole);
-        let theta: Vec<S> = match plant.n_parameter() {
-            0 => Vec::new(),
-            _ => plant.parameters().into_iter().map(S::constant).collect(),
-        };
+        let theta: Vec<S> = plant.parameters().into_iter().map(S::constant).collect();
         let mut frames = vec![S::zero(); plant.n_frame() * Kinematics::<S>::DIM];
         plant.write_frames(&theta, &whole, &mut frames);
         Kinematics::read(&frames[self.body * Kinematics::<S>::DIM..])
