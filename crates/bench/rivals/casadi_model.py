@@ -39,8 +39,8 @@ def logarithm(q):
     return ca.if_else(small, near, 2 * ca.atan2(root, w) / root) * v
 
 
-def step(problem, x, u, dt, substeps):
-    """x⁺ of a stage of `dt` seconds, an expression."""
+def step(problem, x, u, dt, substeps, blend=None):
+    """x⁺ of a stage of `dt` seconds, an expression. With `blend` the lag turns over a span of rotor speeds, rad/s, instead of at one."""
     v, h = problem.vehicle, dt / substeps
     center = ca.DM(v.center)
     q, w = x[6:10], x[10:13]
@@ -57,9 +57,10 @@ def step(problem, x, u, dt, substeps):
             if np.array_equal(v.tau_up, v.tau_down):
                 tau, decay = ca.DM(v.tau_up), ca.DM(np.exp(-0.5 * h / v.tau_up))
             else:
-                rises = target > speed
-                tau = ca.if_else(rises, v.tau_up, v.tau_down)
-                decay = ca.if_else(rises, np.exp(-0.5 * h / v.tau_up), np.exp(-0.5 * h / v.tau_down))
+                share = target > speed if blend is None else (1 + ca.tanh((target - speed) / blend)) / 2
+                either = lambda up, down: ca.DM(down) + share * ca.DM(up - down)
+                decay = either(np.exp(-0.5 * h / v.tau_up), np.exp(-0.5 * h / v.tau_down))
+                tau = 1 / either(1 / v.tau_up, 1 / v.tau_down)
             gap = speed - target
             path = [speed, target + gap * decay, target + gap * decay * decay]
             rates = [(target - s) / tau for s in path]
@@ -121,14 +122,14 @@ def error(x, goal):
     return ca.vertcat(x[0:6] - goal[0:6], turn, x[10:13] - goal[10:13])
 
 
-def functions(problem):
+def functions(problem, blend=None):
     """Step, cost of a stage and of the end, as functions of (x, u)."""
     x, u = ca.SX.sym("x", problem.n_state), ca.SX.sym("u", problem.n_input)
     e, d, goal = error(x, ca.DM(problem.goal)), u - problem.input_reference, problem
     half = lambda weights: ca.dot(ca.DM(weights), e * e) / 2
     stage = problem.dt * (half(goal.stage["state"]) + problem.stage["input"] * ca.dot(d, d) / 2)
     return (
-        ca.Function("step", [x, u], [step(problem, x, u, problem.dt, problem.substeps)]),
+        ca.Function("step", [x, u], [step(problem, x, u, problem.dt, problem.substeps, blend)]),
         ca.Function("stage", [x, u], [stage]),
         ca.Function("terminal", [x], [half(problem.terminal["state"])]),
     )
