@@ -40,7 +40,7 @@ def logarithm(q):
 
 
 def step(problem, x, u, dt, substeps, blend=None):
-    """x⁺ of a stage of `dt` seconds, an expression. With `blend` the lag turns over a span of rotor speeds, rad/s, instead of at one."""
+    """x⁺ of a stage of `dt` seconds, an expression. With `blend` (rad/s) the lag turns over a span of rotor speeds."""
     v, h = problem.vehicle, dt / substeps
     center = ca.DM(v.center)
     q, w = x[6:10], x[10:13]
@@ -58,9 +58,8 @@ def step(problem, x, u, dt, substeps, blend=None):
                 tau, decay = ca.DM(v.tau_up), ca.DM(np.exp(-0.5 * h / v.tau_up))
             else:
                 share = target > speed if blend is None else (1 + ca.tanh((target - speed) / blend)) / 2
-                either = lambda up, down: ca.DM(down) + share * ca.DM(up - down)
-                decay = either(np.exp(-0.5 * h / v.tau_up), np.exp(-0.5 * h / v.tau_down))
-                tau = 1 / either(1 / v.tau_up, 1 / v.tau_down)
+                decay = _between(np.exp(-0.5 * h / v.tau_down), np.exp(-0.5 * h / v.tau_up), share)
+                tau = 1 / _between(1 / v.tau_down, 1 / v.tau_up, share)
             gap = speed - target
             path = [speed, target + gap * decay, target + gap * decay * decay]
             rates = [(target - s) / tau for s in path]
@@ -74,6 +73,10 @@ def step(problem, x, u, dt, substeps, blend=None):
     q, w = m[6:10], m[10:13]
     own = [m[0:3] - rotate(q, center), m[3:6] - rotate(q, cross(w, center)), q, w]
     return ca.vertcat(*own, *([speed] if problem.speed else []))
+
+
+def _between(a, b, share):
+    return ca.DM(a) + share * ca.DM(b - a)
 
 
 def _rate(problem, m, speed, speed_rate, thrust):
@@ -132,4 +135,45 @@ def functions(problem, blend=None):
         ca.Function("step", [x, u], [step(problem, x, u, problem.dt, problem.substeps, blend)]),
         ca.Function("stage", [x, u], [stage]),
         ca.Function("terminal", [x], [half(problem.terminal["state"])]),
+    )
+
+
+def tangent_functions(problem):
+    """As `functions`, in Crocoddyl's definition: RK4 on the tangent space of SE(3), velocities in body axes, and the
+    cost of a stage by the same quadrature. For thrusts as inputs, without effects."""
+    x, u = ca.SX.sym("x", 13), ca.SX.sym("u", problem.n_input)
+    q, h = x[6:10], problem.dt
+    twist = ca.vertcat(rotate(conjugate(q), x[3:6]), x[10:13])
+
+    def moved(d, dtwist):
+        """The state after a twist d of the pose and a change of the velocities."""
+        rho, phi = d[0:3], d[3:6]
+        t = ca.dot(phi, phi)
+        small = t < 1e-4
+        angle = ca.sqrt(ca.if_else(small, 1.0, t))
+        b = ca.if_else(small, 1 / 2 - t / 24 * (1 - t / 30), (1 - ca.cos(angle)) / (angle * angle))
+        c = ca.if_else(small, 1 / 6 - t / 120 * (1 - t / 42), (angle - ca.sin(angle)) / angle**3)
+        half = ca.if_else(small, 1 / 2 - t / 48 * (1 - t / 80), ca.sin(angle / 2) / angle)
+        whole = ca.if_else(small, 1 - t / 8 * (1 - t / 48), ca.cos(angle / 2))
+        turned = multiply(q, ca.vertcat(whole, half * phi))
+        p = x[0:3] + rotate(q, rho + b * cross(phi, rho) + c * cross(phi, cross(phi, rho)))
+        own = twist + dtwist
+        return ca.vertcat(p, rotate(turned, own[0:3]), turned, own[3:6])
+
+    def rate(y):
+        m = _rate(problem, y, None, None, u)
+        v = rotate(conjugate(y[6:10]), y[3:6])
+        change = rotate(conjugate(y[6:10]), m[3:6]) - cross(y[10:13], v)
+        return ca.vertcat(v, y[10:13]), ca.vertcat(change, m[10:13]), stage(y, u)
+
+    _, stage, terminal = functions(problem)
+    d1, t1, c1 = rate(x)
+    d2, t2, c2 = rate(moved(h / 2 * d1, h / 2 * t1))
+    d3, t3, c3 = rate(moved(h / 2 * d2, h / 2 * t2))
+    d4, t4, c4 = rate(moved(h * d3, h * t3))
+    after = moved(h / 6 * (d1 + 2 * d2 + 2 * d3 + d4), h / 6 * (t1 + 2 * t2 + 2 * t3 + t4))
+    return (
+        ca.Function("step", [x, u], [after]),
+        ca.Function("stage", [x, u], [(c1 + 2 * c2 + 2 * c3 + c4) / 6]),
+        terminal,
     )

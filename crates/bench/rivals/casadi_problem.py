@@ -3,9 +3,9 @@
     OMP_NUM_THREADS=1 taskset -c 1 python casadi_problem.py problems/*point*.toml problems/*speed*.toml
 
 Functions and their derivatives are generated as C and compiled (gcc -O3 -march=native), as users do who want speed;
-what is timed is a whole solve from the guess `start repeated, hover inputs`. The last line per problem, `optimum`, is for
-cost alone: inputs at a bound are fixed there and the rest is solved without bounds, so that no barrier is left in it; where
-the step has kinks it is `smoothed lag` instead, an upper bound.
+what is timed is a whole solve from the guess `start repeated, hover inputs`. The last line per problem, `optimum`, is
+for cost alone: inputs at a bound are fixed there and the rest is solved without bounds, so that no barrier is left in
+it; where the step has kinks it is `smoothed lag` instead, an upper bound.
 """
 
 import json
@@ -28,10 +28,10 @@ GCC = ["gcc", "-O3", "-march=native", "-ffp-contract=fast", "-shared", "-fPIC"]
 class Shooting:
     """Variables x₀ u₀ x₁ u₁ … x_N; constraints x₀ = start, then a defect per stage."""
 
-    def __init__(self, problem, blend=None):
+    def __init__(self, problem, blend=None, functions=None):
         self.problem = problem
         n, m, steps = problem.n_state, problem.n_input, problem.steps
-        step, stage, terminal = casadi_model.functions(problem, blend)
+        step, stage, terminal = functions or casadi_model.functions(problem, blend)
         xs = [ca.MX.sym(f"x{k}", n) for k in range(steps + 1)]
         us = [ca.MX.sym(f"u{k}", m) for k in range(steps)]
         start = ca.MX.sym("start", n)
@@ -111,7 +111,10 @@ def report(shooting, tool, answer, solver, times=None, **more):
     if times:
         line |= {
             "seconds_solve": times.json(),
-            "seconds_per_iteration": {"median": digits(times.median / iterations), "cpu_median": digits(times.cpu / iterations)},
+            "seconds_per_iteration": {
+                "median": digits(times.median / iterations),
+                "cpu_median": digits(times.cpu / iterations),
+            },
             "cpu_over_wall": digits(times.cpu_over_wall, 3),
         }
     line |= {"gap": digits(problem.defect(xs, us), 2), "outside_bounds": digits(outside(problem, us), 2)} | more
@@ -123,7 +126,7 @@ def outside(problem, us):
     return max(0.0, (problem.least - us).max(), (us - problem.most).max())
 
 
-def optimum(shooting, answer):
+def optimum(shooting, answer, tool="optimum"):
     """Newton to rounding, with inputs held at the bounds that matter: an active set, begun where the barrier ended."""
     z, at = np.array(answer["x"]).ravel(), shooting.inputs()
     low, high = shooting.least[at], shooting.most[at]
@@ -144,12 +147,12 @@ def optimum(shooting, answer):
             break
         side = np.where(wrong, 0, side + beyond)
     settled = not wrong.any() and not beyond.any()
-    report(shooting, "optimum", polished, solver, inputs_at_bounds=int((side != 0).sum()), active_set_settled=bool(settled))
+    report(shooting, tool, polished, solver, inputs_at_bounds=int((side != 0).sum()), active_set_settled=bool(settled))
 
 
 def smoothed(problem):
-    """Where motors speed up and slow down with different lags, the step has kinks, and Newton's method ends at one. The answer
-    of a smoothed lag, sharpened in steps, is an upper bound: read `cost_ours`, of its inputs under the true step."""
+    """Where motors speed up and slow down with different lags, the step has kinks, and Newton's method ends at one. The
+    answer of a smoothed lag, sharpened in steps, is an upper bound: read `cost_ours`, of its inputs and the true step."""
     guess, best = None, None
     for blend in (300, 100, 30, 10, 3, 1, 0.3, 0.1):
         shooting = Shooting(problem, blend)
@@ -164,26 +167,33 @@ def smoothed(problem):
     report(shooting, "smoothed lag", answer, solver, blend_rad_s=blend)
 
 
+def of_crocoddyl(problem):
+    """The optimum in Crocoddyl's definition, to set its `cost` against; here `gap` is the defect from our step."""
+    shooting = Shooting(problem, functions=casadi_model.tangent_functions(problem))
+    solver = ca.nlpsol("solver", "ipopt", shooting.nlp, options_of("ipopt", shooting))
+    optimum(shooting, solve(shooting, solver), "optimum of crocoddyl's definition")
+
+
+def measure(shooting, plugin, folder):
+    solver = compiled(plugin, shooting.nlp, options_of(plugin, shooting), folder)
+    answer = solve(shooting, solver)
+    report(shooting, plugin, answer, solver, timed(lambda: solve(shooting, solver), REPEATS))
+    return answer
+
+
 def main():
     for path in sys.argv[1:]:
         problem = Problem(path)
         shooting = Shooting(problem)
         with tempfile.TemporaryDirectory() as folder:
-            folder = pathlib.Path(folder)
-            first = None
-            for plugin in ("ipopt", "fatrop"):
-                if not ca.has_nlpsol(plugin):
-                    continue
-                solver = compiled(plugin, shooting.nlp, options_of(plugin, shooting), folder)
-                answer = solve(shooting, solver)
-                times = timed(lambda: solve(shooting, solver), REPEATS)
-                report(shooting, plugin, answer, solver, times)
-                first = first or answer
-            lags = problem.vehicle
-            if problem.speed and not np.array_equal(lags.tau_up, lags.tau_down):
-                smoothed(problem)
-            else:
-                optimum(shooting, first)
+            answers = [measure(shooting, k, pathlib.Path(folder)) for k in ("ipopt", "fatrop") if ca.has_nlpsol(k)]
+        lags = problem.vehicle
+        if problem.speed and not np.array_equal(lags.tau_up, lags.tau_down):
+            smoothed(problem)
+        else:
+            optimum(shooting, answers[0])
+        if not problem.speed and not any(problem.effects.values()):
+            of_crocoddyl(problem)
 
 
 if __name__ == "__main__":

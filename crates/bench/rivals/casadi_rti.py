@@ -1,12 +1,12 @@
-"""Model predictive control by the real-time iteration in CasADi, along our lemniscate: times per tick and tracking error.
+"""Model predictive control by the real-time iteration in CasADi, along our lemniscate: times per tick, tracking error.
 
     OMP_NUM_THREADS=1 taskset -c 1 python casadi_rti.py problems/hummingbird_speed.toml
 
-Horizon, weights and bounds are the problem's; its start and goal are not used. One tick, at 100 Hz, is one Gauss–Newton step
-of SQP: all stages are linearised about the last answer, with the measured state first, then one QP is solved to the end and
-its step taken whole. States are 16 numbers of an error (rotation vector for attitude), so that no quaternion is in
-the QP. Linearisation, costs and the update are C from CasADi (gcc -O3 -march=native), QPs the solvers that CasADi ships.
-The plant is the same model at 2 ms, RK4.
+Horizon, weights and bounds are the problem's; its start and goal are not used. One tick, at 100 Hz, is one Gauss–Newton
+step of SQP: all stages are linearised about the last answer, with the measured state first, then one QP is solved to
+the end and its step taken whole. States are 16 numbers of an error (rotation vector for attitude), so that no
+quaternion is in the QP. Linearisation, costs and the update are C from CasADi (gcc -O3 -march=native), QPs the solvers
+that CasADi ships, and HPIPM itself (hpipm_direct.py). The plant is the same model at 2 ms, RK4.
 """
 
 import argparse
@@ -24,7 +24,9 @@ import numpy as np
 import casadi_model
 from casadi_model import conjugate, multiply
 from hpipm_direct import Direct, install
-from problem import GRAVITY, Problem, conjugate as np_conjugate, digits, logarithm, multiply as np_multiply
+from problem import GRAVITY, Problem, digits, logarithm
+from problem import conjugate as np_conjugate
+from problem import multiply as np_multiply
 
 TICK, PLANT_STEP = 0.01, 0.002
 SETTLED = 2.0
@@ -33,9 +35,12 @@ TOLERANCE = 1e-6
 
 HPIPM = {"iter_max": 50} | {f"res_{k}_max": TOLERANCE for k in "gbdm"}
 SOLVERS = {
-    "hpipm direct speed": ("direct", ("speed", 0)),
-    "hpipm direct speed warm": ("direct", ("speed", 2)),
-    "hpipm direct balance": ("direct", ("balance", 0)),
+    # mode, warm start, blocks
+    "hpipm direct": ("direct", ("speed", 0, None)),
+    "hpipm direct balance": ("direct", ("balance", 0, None)),
+    "hpipm direct warm": ("direct", ("speed", 2, None)),
+    "hpipm direct warm, 5 blocks": ("direct", ("speed", 2, 5)),
+    "hpipm direct warm, 2 blocks": ("direct", ("speed", 2, 2)),
     "hpipm speed": ("hpipm", {"hpipm": HPIPM | {"mode": "speed"}}),
     "hpipm balance": ("hpipm", {"hpipm": HPIPM | {"mode": "balance"}}),
     "osqp": ("osqp", {"osqp": {"verbose": False, "eps_abs": TOLERANCE, "eps_rel": TOLERANCE, "max_iter": 20000}}),
@@ -58,7 +63,7 @@ class Lemniscate:
         self.sample = ca.Function("sample", [t], [p, v, ca.jacobian(v, t)])
 
     def state(self, t):
-        """`[13]`: position, velocity, attitude by flatness with yaw 0 and no drag, angular velocity by its difference."""
+        """`[13]`: position, velocity, attitude by flatness at yaw 0 without drag, angular velocity by difference."""
         p, v, q = self._place(t)
         ahead = 1e-5
         turn = logarithm(np_multiply(np_conjugate(q), self._place(t + ahead)[2])) / ahead
@@ -178,8 +183,9 @@ class Controller:
 
     def qp(self, plugin, options):
         if plugin == "direct":
-            mode, warm = options
-            return Direct(self.folder, self.shape["N"], self.problem.n_state - 1, self.problem.n_input, mode, TOLERANCE, warm)
+            mode, warm, blocks = options
+            n, m = self.problem.n_state - 1, self.problem.n_input
+            return Direct(self.folder, self.problem.steps, n, m, mode, TOLERANCE, warm, blocks)
         structured = plugin == "hpipm"
         own = dict(options) | (self.shape if structured else {}) | {"error_on_fail": False}
         return Call(ca.conic("qp", plugin, self.patterns, own))
@@ -316,7 +322,9 @@ def main():
     parser.add_argument("problem")
     parser.add_argument("--rate", type=float, default=1.5, help="of the lemniscate, rad/s")
     parser.add_argument("--ticks", type=int, default=2000)
-    parser.add_argument("--no-rates", action="store_true", help="reference of angular velocity 0 instead of the curve's")
+    parser.add_argument(
+        "--no-rates", action="store_true", help="reference of angular velocity 0 instead of the curve's"
+    )
     parser.add_argument("--solvers", nargs="*", default=list(SOLVERS), help=", ".join(SOLVERS))
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:

@@ -4,9 +4,9 @@
 
 One JSON line per solver and stop threshold. Crocoddyl's discretisation is not ours: its RK4 acts on the tangent
 space of SE(3) with velocities in body axes, and integrates the cost of a stage over the four RK4 nodes. So there are
-two costs: `cost` is Crocoddyl's own, `cost_ours` that of its inputs rolled out by the numpy model in our definition. That our
-reading of its definition is right is checked by `cost_check`: the relative difference of `cost` from the same sum over
-the same trajectory, computed in numpy from our accelerations.
+two costs: `cost` is Crocoddyl's own, `cost_ours` that of its inputs rolled out by the numpy model in our definition.
+That our reading of its definition is right is checked by `cost_check`: the relative difference of `cost` from the same
+sum over the same trajectory, computed in numpy from our accelerations.
 """
 
 import json
@@ -74,7 +74,7 @@ class Rival:
             add("attitude", crocoddyl.ResidualModelFrameRotation(state, frame, turn, nu), weights["attitude"])
         linear, angular = weights["velocity"], weights["angular_velocity"]
         if linear.any() or angular.any():
-            # its velocity is in body axes: the same length, so the same cost where weights are equal and the goal at rest
+            # in body axes: the same length, so the same cost where weights are equal and the goal is at rest
             if np.ptp(linear) > 0 or goal[3:6].any():
                 raise SystemExit("weights of velocity must be equal and the goal at rest: Crocoddyl's is in body axes")
             add(
@@ -151,8 +151,8 @@ def measure(rival, name, make, threshold, rolled_out):
     outside = max(max((problem.least - u).max(), (u - problem.most).max()) for u in inputs)
     check, own_gap = rival.check(solver.xs, inputs)
     states = problem.rollout(inputs)
-    # derivatives, backward pass, rollout: all in C++, at the solution; a step of length 0 does the work of any other and
-    # leaves the derivatives' point where it is
+    # derivatives, backward pass, rollout: all in C++, at the solution; a step of length 0 does the work of any other
+    # and leaves the derivatives' point where it is
     warm = timed(lambda: (solver.computeDirection(True), solver.tryStep(0.0)), WARM_REPEATS)
     parts = {
         "derivatives": timed(solver.calcDiff, WARM_REPEATS).cpu,
@@ -184,6 +184,8 @@ def main():
     for path in sys.argv[1:]:
         rival = Rival(Problem(path))
         for name, make in (("SolverFDDP", crocoddyl.SolverFDDP), ("SolverBoxFDDP", crocoddyl.SolverBoxFDDP)):
+            if name == "SolverFDDP" and not rival.problem.free:
+                continue  # it knows no bounds
             for threshold in (1e-9, 1e-6):
                 for rolled_out in (False, True):
                     print(json.dumps(measure(rival, name, make, threshold, rolled_out)), flush=True)

@@ -20,19 +20,25 @@ SOURCE = r"""
 #include "hpipm_d_ocp_qp_dim.h"
 #include "hpipm_d_ocp_qp_ipm.h"
 #include "hpipm_d_ocp_qp_sol.h"
+#include "hpipm_d_part_cond.h"
 
 static struct d_ocp_qp_dim dim;
 static struct d_ocp_qp qp;
 static struct d_ocp_qp_sol sol;
 static struct d_ocp_qp_ipm_arg arg;
 static struct d_ocp_qp_ipm_ws ws;
-static int N, nx, nu;
+static struct d_ocp_qp_dim small_dim;
+static struct d_ocp_qp small_qp;
+static struct d_ocp_qp_sol small_sol;
+static struct d_part_cond_qp_arg cond;
+static struct d_part_cond_qp_ws cond_ws;
+static int N, nx, nu, condenses;
 
 static void *room(size_t bytes) { return aligned_alloc(64, (bytes + 127) / 64 * 64); }
 
-/* x0 is no variable */
-void setup(int steps, int states, int inputs, int mode, double tolerance, int iterations, int warm, int ric) {
-    N = steps; nx = states; nu = inputs;
+/* x0 is no variable; stages are condensed into `blocks` where those are fewer */
+void setup(int steps, int states, int inputs, int mode, double tolerance, int iterations, int warm, int blocks) {
+    N = steps; nx = states; nu = inputs; condenses = blocks < steps;
     d_ocp_qp_dim_create(N, &dim, room(d_ocp_qp_dim_memsize(N)));
     for (int k = 0; k <= N; k++) {
         d_ocp_qp_dim_set_nx(k, k ? nx : 0, &dim);
@@ -44,7 +50,22 @@ void setup(int steps, int states, int inputs, int mode, double tolerance, int it
     }
     d_ocp_qp_create(&dim, &qp, room(d_ocp_qp_memsize(&dim)));
     d_ocp_qp_sol_create(&dim, &sol, room(d_ocp_qp_sol_memsize(&dim)));
-    d_ocp_qp_ipm_arg_create(&dim, &arg, room(d_ocp_qp_ipm_arg_memsize(&dim)));
+    struct d_ocp_qp_dim *solved = &dim;
+    if (condenses) {
+        int sizes[1024];
+        d_ocp_qp_dim_create(blocks, &small_dim, room(d_ocp_qp_dim_memsize(blocks)));
+        d_part_cond_qp_compute_block_size(N, blocks, sizes);
+        d_part_cond_qp_compute_dim(&dim, sizes, &small_dim);
+        d_part_cond_qp_arg_create(blocks, &cond, room(d_part_cond_qp_arg_memsize(blocks)));
+        d_part_cond_qp_arg_set_default(&cond);
+        d_part_cond_qp_arg_set_ric_alg(0, &cond);
+        d_part_cond_qp_ws_create(&dim, sizes, &small_dim, &cond, &cond_ws,
+                                 room(d_part_cond_qp_ws_memsize(&dim, sizes, &small_dim, &cond)));
+        d_ocp_qp_create(&small_dim, &small_qp, room(d_ocp_qp_memsize(&small_dim)));
+        d_ocp_qp_sol_create(&small_dim, &small_sol, room(d_ocp_qp_sol_memsize(&small_dim)));
+        solved = &small_dim;
+    }
+    d_ocp_qp_ipm_arg_create(solved, &arg, room(d_ocp_qp_ipm_arg_memsize(solved)));
     d_ocp_qp_ipm_arg_set_default(mode, &arg);
     d_ocp_qp_ipm_arg_set_tol_stat(&tolerance, &arg);
     d_ocp_qp_ipm_arg_set_tol_eq(&tolerance, &arg);
@@ -52,8 +73,7 @@ void setup(int steps, int states, int inputs, int mode, double tolerance, int it
     d_ocp_qp_ipm_arg_set_tol_comp(&tolerance, &arg);
     d_ocp_qp_ipm_arg_set_iter_max(&iterations, &arg);
     d_ocp_qp_ipm_arg_set_warm_start(&warm, &arg);
-    if (ric >= 0) d_ocp_qp_ipm_arg_set_ric_alg(&ric, &arg);
-    d_ocp_qp_ipm_ws_create(&dim, &arg, &ws, room(d_ocp_qp_ipm_ws_memsize(&dim, &arg)));
+    d_ocp_qp_ipm_ws_create(solved, &arg, &ws, room(d_ocp_qp_ipm_ws_memsize(solved, &arg)));
     int index[64];
     for (int i = 0; i < nu; i++) index[i] = i;
     double *zero = calloc(nx * nu, sizeof(double));
@@ -82,7 +102,13 @@ int solve(double *A, double *B, double *c, double *Q, double *q, double *R, doub
     }
     d_ocp_qp_set_Q(N, QN, &qp);
     d_ocp_qp_set_q(N, qN, &qp);
-    d_ocp_qp_ipm_solve(&qp, &sol, &arg, &ws);
+    if (condenses) {
+        d_part_cond_qp_cond(&qp, &small_qp, &cond, &cond_ws);
+        d_ocp_qp_ipm_solve(&small_qp, &small_sol, &arg, &ws);
+        d_part_cond_qp_expand_sol(&qp, &small_qp, &small_sol, &sol, &cond, &cond_ws);
+    } else {
+        d_ocp_qp_ipm_solve(&qp, &sol, &arg, &ws);
+    }
     for (int k = 0; k < N; k++) {
         d_ocp_qp_sol_get_u(k, &sol, z + k * (nu + nx));
         d_ocp_qp_sol_get_x(k + 1, &sol, z + k * (nu + nx) + nu);
@@ -103,10 +129,10 @@ def install():
 
 
 class Direct:
-    """One QP, whose blocks are read from and written to the arrays of `blocks`."""
+    """One QP, its stages condensed into `blocks` where given; `warm` is HPIPM's: 0 not at all, 2 primal and dual."""
 
-    def __init__(self, folder, steps, states, inputs, mode, tolerance, warm, riccati=-1, iterations=50):
-        source, library = folder / "direct.c", folder / f"direct_{mode}_{warm}_{riccati}.so"
+    def __init__(self, folder, steps, states, inputs, mode, tolerance, warm, blocks=None, iterations=50):
+        source, library = folder / "direct.c", folder / "direct.so"
         source.write_text(SOURCE)
         place = install()
         include = [f"-I{place}/include/{k}/include" for k in ("hpipm", "blasfeo")]
@@ -116,7 +142,7 @@ class Direct:
         subprocess.run(command, check=True)
         self.library = ctypes.CDLL(str(library))
         self.library.setup(
-            steps, states, inputs, MODES[mode], ctypes.c_double(tolerance), iterations, warm, riccati
+            steps, states, inputs, MODES[mode], ctypes.c_double(tolerance), iterations, warm, blocks or steps
         )
         self.answer = np.zeros(steps * (states + inputs))
         self.iterations = ctypes.c_int()

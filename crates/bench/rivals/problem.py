@@ -8,9 +8,9 @@ import dataclasses
 import pathlib
 import statistics
 import time
-import tomllib
 
 import numpy as np
+import tomllib
 
 GRAVITY = 9.81
 LEAST_THRUST = 1e-4
