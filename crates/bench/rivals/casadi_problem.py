@@ -111,10 +111,7 @@ def report(shooting, tool, answer, solver, times=None, **more):
     if times:
         line |= {
             "seconds_solve": times.json(),
-            "seconds_per_iteration": {
-                "median": digits(times.median / iterations),
-                "cpu_median": digits(times.cpu / iterations),
-            },
+            "seconds_per_iteration": {k: digits(t / iterations) for k, t in times.json().items()},
             "cpu_over_wall": digits(times.cpu_over_wall, 3),
         }
     line |= {"gap": digits(problem.defect(xs, us), 2), "outside_bounds": digits(outside(problem, us), 2)} | more
@@ -152,7 +149,7 @@ def optimum(shooting, answer, tool="optimum"):
 
 def smoothed(problem):
     """Where motors speed up and slow down with different lags, the step has kinks, and Newton's method ends at one. The
-    answer of a smoothed lag, sharpened in steps, is an upper bound: read `cost_ours`, of its inputs and the true step."""
+    answer of a smoothed lag, sharpened in steps, is an upper bound: read `cost_ours`, of the true step."""
     guess, best = None, None
     for blend in (300, 100, 30, 10, 3, 1, 0.3, 0.1):
         shooting = Shooting(problem, blend)
