@@ -381,7 +381,7 @@ impl ProblemFile {
         let mut marks = vec![(0, start.clone()), (self.steps, goal.clone())];
         let mut row = vec![0.0; problem.model().n_parameter()];
         let first = plant.n_parameter();
-        let scale = 1.0 / range(&plant);
+        let scale = squared_range(&plant);
         for stage in 0..=self.steps {
             let is_end = stage == self.steps;
             let weights = if is_end { self.terminal } else { self.stage };
@@ -492,10 +492,10 @@ impl ProblemFile {
     }
 }
 
-/// Of the inputs of rotors, in their unit.
-fn range(plant: &PlannedPlant) -> f64 {
+/// Square of the range of the first input, in its unit.
+fn squared_range(plant: &PlannedPlant) -> f64 {
     let (lower, upper) = plant.bounds();
-    (upper[0] - lower[0]).powi(-2)
+    (upper[0] - lower[0]).powi(2)
 }
 
 impl PoseInFile {
@@ -542,7 +542,7 @@ impl PoseInFile {
 }
 
 impl WeightsInFile {
-    /// As [`TrackingWeights`], whose weight of inputs is of shares of their range: `scale` is one over the range squared.
+    /// As [`TrackingWeights`], whose weight of inputs is of shares of their range: `scale` is the range squared.
     fn weights(&self, what: &str, scale: f64) -> Result<TrackingWeights> {
         let of = |own: Option<PerAxis>| own.map_or([0.0; 3], PerAxis::numbers);
         let own = TrackingWeights {
@@ -552,7 +552,7 @@ impl WeightsInFile {
             angular_velocity: of(self.angular_velocity),
             joint: self.joint,
             joint_rate: self.joint_rate,
-            input: self.input / scale,
+            input: self.input * scale,
         };
         own.validate().map_err(|error| match error {
             Error::Value { what: own, value, limit, remedy } => {
