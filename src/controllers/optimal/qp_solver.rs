@@ -550,10 +550,33 @@ impl QpSolver {
         }
     }
 
+    /// Solves a program from δx₀ = 0 with the inputs that are held now, at 0; no bound acts beside that.
+    ///
+    /// # Errors
+    /// [`QpStatus::NotConvex`] or [`QpStatus::NotFinite`].
+    pub(super) fn solve_held(&mut self, qp: &StageQp) -> std::result::Result<(), QpStatus> {
+        let stages = self.sizes.stages;
+        self.regularisation = 0.0;
+        self.z.fill(0.0);
+        self.prepare(qp, false);
+        self.factorise(qp, stages - 1)?;
+        self.find_plain_slopes(qp);
+        feed_forward(qp, &self.factors, &self.w, &mut self.forward);
+        self.take(qp, 1.0);
+        self.find_plain_slopes(qp);
+        costates(qp, &self.w, &mut self.costates);
+        Ok(())
+    }
+
     /// Slope of the cost along the last solution from 0.
     pub(super) fn slope(&self, qp: &StageQp) -> f64 {
         let blocks = (0..=self.sizes.stages).map(|k| (self.z.of(k), qp.slopes.of(k)));
         blocks.map(|(z, slope)| z.iter().zip(slope).map(|(z, h)| z * h).sum::<f64>()).sum()
+    }
+
+    /// Whether a soft bound of a state counts as passed.
+    pub(super) fn is_passed(&self, stage: usize, state: usize) -> bool {
+        self.passed.of(stage)[self.sizes.first + state] != 0.0
     }
 
     /// K of a stage, m × n: δu = K δx about the solution, 0 for inputs that are held.

@@ -27,6 +27,8 @@ pub struct RealTimeIteration {
     settings: QpSettings,
     error: Vec<f64>,
     moved: Vec<f64>,
+    /// λₖ₊₁ of every stage, where the model has exact curvatures.
+    costates: Vec<f64>,
     trial: OptimalTrajectory,
 }
 
@@ -71,6 +73,7 @@ impl RealTimeIteration {
             solver: QpSolver::new(&expansion.qp),
             error: vec![0.0; n_error],
             moved: vec![0.0; n_error],
+            costates: vec![0.0; stages * n_error],
             trial: plan.clone(),
             settings: QpSettings::default(),
             expansion,
@@ -128,7 +131,8 @@ impl RealTimeIteration {
         }
     }
 
-    /// Plans from a state, `[n_state]`, by so many programs; fewer where a step is shorter than `tolerance`.
+    /// Plans from a state, `[n_state]`, by so many programs; fewer where a step is shorter than `tolerance`. Programs behind the first have
+    /// exact curvatures where the model has them and they are convex.
     ///
     /// # Panics
     /// If `state` has another length.
@@ -136,19 +140,19 @@ impl RealTimeIteration {
         let n = self.problem.model().n_state();
         assert_eq!(state.len(), n, "states");
         let mut recursions = 0;
-        let mut report = self.iterate(state);
+        let mut report = self.iterate(state, false);
         recursions += report.qp.iterations;
         for _ in 1..iterations {
             if !report.is_usable() || report.step <= tolerance && report.gap <= tolerance {
                 break;
             }
-            report = self.iterate(state);
+            report = self.iterate(state, self.problem.model().has_curvature());
             recursions += report.qp.iterations;
         }
         TickReport { recursions, ..report }
     }
 
-    fn iterate(&mut self, state: &[f64]) -> TickReport {
+    fn iterate(&mut self, state: &[f64], is_exact: bool) -> TickReport {
         let n = self.problem.model().n_state();
         let mut expanded = self.expansion.expand(&self.problem, &self.plan);
         if !(expanded.gap <= LARGEST_GAP * self.problem.n_stage() as f64 && expanded.cost.is_finite()) {
@@ -159,7 +163,20 @@ impl RealTimeIteration {
         let errors = &self.problem.model().errors;
         errors.write_difference(state, &self.plan.states[..n], &mut self.error);
         let gap = gap + self.error.iter().map(|e| e.abs()).sum::<f64>();
-        let qp = self.solver.solve(&self.expansion.qp, &self.error, &self.settings);
+        if is_exact {
+            self.expansion.curve(&self.problem, &self.plan, &self.costates);
+        }
+        let mut qp = self.solver.solve(&self.expansion.qp, &self.error, &self.settings);
+        if is_exact && matches!(qp.status, QpStatus::NotConvex(_)) {
+            self.expansion.expand(&self.problem, &self.plan);
+            qp = self.solver.solve(&self.expansion.qp, &self.error, &self.settings);
+        }
+        if self.problem.model().has_curvature() {
+            let n = self.error.len();
+            for (k, own) in self.costates.chunks_exact_mut(n).enumerate() {
+                own.copy_from_slice(self.solver.costate(k + 1));
+            }
+        }
         let mut step = 0.0;
         if matches!(qp.status, QpStatus::Solved | QpStatus::Stopped) {
             step = self.advance(cost, gap);

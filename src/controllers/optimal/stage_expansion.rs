@@ -211,6 +211,14 @@ impl StageExpansion {
         results[0][lane]
     }
 
+    /// Shifts and weights of the conditions of a stage behind `arguments`.
+    pub(super) fn extend_conditions(&self, stage: usize, arguments: &mut Vec<f64>) {
+        let first = self.conditions_at(stage);
+        let n = self.model.lengths.n_condition[usize::from(stage == self.qp.sizes.stages)];
+        arguments.extend_from_slice(&self.conditions.shifts[first..first + n]);
+        arguments.extend_from_slice(&self.conditions.weights[first..first + n]);
+    }
+
     /// What soft bounds add to the cost of a trajectory.
     pub(super) fn soft_cost(&self, at: &OptimalTrajectory) -> f64 {
         let n = self.model.n_state();

@@ -76,6 +76,8 @@ pub(super) struct Curvature {
     code: Executable<[f64; LINE]>,
     /// (row, column), row ≤ column, of [δ; u].
     pub entries: Vec<(u32, u32)>,
+    /// [x, u, p, shifts, weights, λ, w, μ] → ∂/∂p of wᵀ∂L/∂[δ; u] + μᵀf: what a solution's derivative leaves at the parameters.
+    pull: Program,
 }
 
 /// Room for evaluations; made once, reused without allocation.
@@ -143,7 +145,8 @@ impl StageModel {
             let (recording, entries) = stage.curvature(&self.lengths, is_end);
             let program = Program::compile(&recording)?;
             let layout = RowLayout::apart(program.n_input(), program.n_output());
-            Ok::<_, Error>(Curvature { code: Executable::new(&program, layout)?, entries })
+            let pull = Program::compile(&stage.pull(&self.lengths, is_end))?;
+            Ok::<_, Error>(Curvature { code: Executable::new(&program, layout)?, entries, pull })
         };
         let own = [compile(false)?, compile(true)?];
         self.curvatures = Some(Box::new(own));
@@ -235,12 +238,23 @@ impl StageModel {
     /// Exact curvatures of the first `n` stages in `work.arguments`, with λ behind all else, into `work.results`.
     pub(super) fn curve(&self, work: &mut StageWork, n: usize, is_end: bool) {
         let Some(own) = &self.curvatures else { return };
-        let Curvature { code, entries } = &own[usize::from(is_end)];
+        let Curvature { code, entries, .. } = &own[usize::from(is_end)];
         let n_argument = self.lengths.n_argument(is_end) + if is_end { 0 } else { self.lengths.n_error };
         let arguments = Rows::Read(&work.arguments[..n_argument]);
         let arrays = &mut [arguments, Rows::Write(&mut work.results[..entries.len()])];
         let is_run = code.run(&mut work.curvatures[usize::from(is_end)], arrays, n).is_ok();
         assert!(is_run, "rows of a stage");
+    }
+}
+
+impl StageModel {
+    /// What steps w and costates μ leave at the parameters of a stage, `[n_parameter]`, from `arguments` as [`Curvature::pull`] reads them.
+    pub(super) fn pull(&self, is_end: bool, arguments: &[f64]) -> Vec<f64> {
+        let Some(own) = &self.curvatures else { return vec![f64::NAN; self.lengths.n_parameter] };
+        let program = &own[usize::from(is_end)].pull;
+        let mut results = vec![0.0; program.n_output()];
+        program.evaluate(&mut program.workspace(), arguments, &mut results);
+        results
     }
 }
 
@@ -330,16 +344,11 @@ impl<F: System, C: OptimalCost> Stage<'_, F, C> {
         let n_input = if is_end { 0 } else { lengths.n_input };
         let (n_z, n_own) = (lengths.n_error + n_input, lengths.n_argument(is_end));
         let n_costate = if is_end { 0 } else { lengths.n_error };
-        let lagrangian = Recording::of(n_z + n_own - n_input + n_costate, |z| {
-            let z = self.moved(z, lengths, n_input);
-            let (z, costates) = z.split_at(n_own);
-            let z = Numbers::cut(z, lengths, is_end);
-            let mut sum = self.valued(&z, is_end)[0];
-            if !is_end {
-                let next = errors_of(self.errors, &self.next(z.state, z.input, z.parameters));
-                sum = next.iter().zip(costates).fold(sum, |sum, (e, costate)| sum + *e * *costate);
-            }
-            vec![sum]
+        let own = self.lagrangian(lengths, is_end);
+        let lagrangian = Recording::of(own.n_input(), |z| {
+            let mut results = vec![Trace::zero(); own.n_output()];
+            own.evaluate(z, &mut results);
+            results[..1].to_vec()
         });
         let hessian = lagrangian.jacobian(0..n_z).jacobian(0..n_z);
         let mut entries = Vec::new();
@@ -360,6 +369,58 @@ impl<F: System, C: OptimalCost> Stage<'_, F, C> {
             results
         });
         (recording, entries)
+    }
+
+    /// The Lagrangian over [δ, u; x, p, shifts, weights; λ], and what follows the state behind it.
+    fn lagrangian(&self, lengths: &Lengths, is_end: bool) -> Recording {
+        let n_input = if is_end { 0 } else { lengths.n_input };
+        let n_own = lengths.n_argument(is_end);
+        let n_costate = if is_end { 0 } else { lengths.n_error };
+        Recording::of(lengths.n_error + n_own + n_costate, |z| {
+            let z = self.moved(z, lengths, n_input);
+            let (z, costates) = z.split_at(n_own);
+            let z = Numbers::cut(z, lengths, is_end);
+            let mut sum = self.valued(&z, is_end)[0];
+            let next = if is_end {
+                Vec::new()
+            } else {
+                errors_of(self.errors, &self.next(z.state, z.input, z.parameters))
+            };
+            sum = next.iter().zip(costates).fold(sum, |sum, (e, costate)| sum + *e * *costate);
+            [vec![sum], next].concat()
+        })
+    }
+
+    /// See [`Curvature::pull`].
+    fn pull(&self, lengths: &Lengths, is_end: bool) -> Recording {
+        let n_input = if is_end { 0 } else { lengths.n_input };
+        let (n_z, n_own) = (lengths.n_error + n_input, lengths.n_argument(is_end));
+        let n_costate = if is_end { 0 } else { lengths.n_error };
+        let own = self.lagrangian(lengths, is_end);
+        let n_all = own.n_input();
+        let alone = Recording::of(n_all, |z| {
+            let mut results = vec![Trace::zero(); own.n_output()];
+            own.evaluate(z, &mut results);
+            results[..1].to_vec()
+        });
+        let slopes = alone.jacobian(0..n_z);
+        let sum = Recording::of(n_all + n_z + n_costate, |z| {
+            let (z, weights) = z.split_at(n_all);
+            let (steps, costates) = weights.split_at(n_z);
+            let (mut by_z, mut results) = (vec![Trace::zero(); n_z], vec![Trace::zero(); own.n_output()]);
+            slopes.evaluate(z, &mut by_z);
+            own.evaluate(z, &mut results);
+            let terms = by_z.iter().zip(steps).chain(results[1..].iter().zip(costates));
+            vec![terms.fold(Trace::zero(), |sum, (a, b)| sum + *a * *b)]
+        });
+        let first = n_z + lengths.n_state;
+        let pulled = sum.jacobian(first..first + lengths.n_parameter);
+        Recording::of(n_own + n_costate + n_z + n_costate, |z| {
+            let at = self.unmoved(z, lengths, n_input);
+            let mut results = vec![Trace::zero(); lengths.n_parameter];
+            pulled.evaluate(&at, &mut results);
+            results
+        })
     }
 
     /// [x, u, p, …] → [0, u; x, p, …].
