@@ -60,13 +60,18 @@ impl FlatMotion {
         Ok(Self { vehicle, hover, attitude })
     }
 
+    /// The attitude of hover at the heading of a sample.
+    pub(super) fn upright(&self, sample: &Setpoint<f64>) -> [f64; 4] {
+        let (s, c) = (0.5 * sample.yaw).sin_cos();
+        multiply([c, 0.0, 0.0, s], self.attitude)
+    }
+
     /// Motion of the root's attitude and rates with position and velocity of the reference, and the inputs. Near free fall, where the map
     /// has no attitude, it is the one `before`.
     pub(super) fn at(&self, sample: &Setpoint<f64>, before: [f64; 4], inputs: &mut [f64]) -> Kinematics<f64> {
-        let (s, c) = (0.5 * sample.yaw).sin_cos();
         let mut motion = Kinematics {
             velocity: sample.velocity,
-            attitude: multiply([c, 0.0, 0.0, s], self.attitude),
+            attitude: self.upright(sample),
             ..Kinematics::at_rest(sample.position)
         };
         motion.angular_velocity = rotate_back(motion.attitude, [0.0, 0.0, sample.yaw_rate]);

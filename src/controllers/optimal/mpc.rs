@@ -155,40 +155,10 @@ impl Mpc {
     /// [`Error::Value`] for settings outside their ranges, a plant of several trees, or one that hover does not hold or no feedback
     /// settles; [`Error::Limit`] for too long a horizon.
     pub fn new(plant: &Plant, settings: &MpcSettings) -> Result<Self> {
-        settings.validate()?;
-        if plant.roots().len() != 1 {
-            let what = format!("trees of '{}'", plant.name());
-            return Err(Error::value(what, plant.roots().len(), "1", "Give each of them a controller of its own."));
-        }
+        let (planned, cost, problem, inputs) = settings.problem(plant, false)?;
         let dt = plant.physics().dt;
-        let every = ticks_every(settings.rate, dt)?;
-        let with = |physics: Physics| {
-            let effects = Effects { disturbance: true, contact: false, ..physics.effects };
-            rebuilt(plant, Physics { effects, ..physics })
-        };
-        let believed = with(*plant.physics())?;
-        let planned = with(Physics { dt: settings.stage, substeps: settings.substeps, ..*plant.physics() })?;
-        let planned = if settings.exact_lags { planned } else { planned.with_longer_lags()? };
-        let planned = PlannedPlant::new(planned, PlannedInput::Speed)?;
-        let tracked = match &settings.tracked {
-            None => 0,
-            Some(name) => {
-                let known = plant.body_names();
-                let found = known.iter().position(|own| own == name);
-                found.ok_or_else(|| Error::Unknown { kind: "body", name: name.clone(), known })?
-            }
-        };
-        let mut cost = TrackingCost::new(&planned, tracked)?;
-        let (hover, inputs) = planned.hover()?;
-        if settings.endless {
-            let end = endless_cost(&planned, &cost, &settings.weights, &hover, &inputs)?;
-            cost = cost.with_end(&end)?;
-        }
-        let model = StageModel::new(&planned, &cost, planned.errors()?)?;
-        let mut problem = OptimalProblem::new(Arc::new(model), settings.stages, &hover)?;
-        let (lower, upper) = planned.bounds();
-        problem.set_bounds(&lower, &upper)?;
-        problem.set_soft_bounds(&soft_bounds(&planned, &settings.state_bounds)?)?;
+        let every = settings.ticks_every(dt)?;
+        let believed = with_disturbance(plant, *plant.physics())?;
         let period = every as f64 * dt;
         let observer = Observer::new(&believed, every, settings.estimate, period)?;
         let mut commands = vec![0.0; plant.n_input()];
@@ -377,6 +347,51 @@ impl MpcSettings {
         settings
     }
 
+    /// What is planned with, what it costs, the problem about hover, and the inputs of hover.
+    pub(super) fn problem(
+        &self,
+        plant: &Plant,
+        is_exact: bool,
+    ) -> Result<(PlannedPlant, TrackingCost, OptimalProblem, Vec<f64>)> {
+        self.validate()?;
+        if plant.roots().len() != 1 {
+            let what = format!("trees of '{}'", plant.name());
+            return Err(Error::value(what, plant.roots().len(), "1", "Give each of them a controller of its own."));
+        }
+        let physics = Physics { dt: self.stage, substeps: self.substeps, ..*plant.physics() };
+        let planned = with_disturbance(plant, physics)?;
+        let planned = if self.exact_lags { planned } else { planned.with_longer_lags()? };
+        let planned = PlannedPlant::new(planned, PlannedInput::Speed)?;
+        let tracked = match &self.tracked {
+            None => 0,
+            Some(name) => {
+                let known = plant.body_names();
+                let found = known.iter().position(|own| own == name);
+                found.ok_or_else(|| Error::Unknown { kind: "body", name: name.clone(), known })?
+            }
+        };
+        let mut cost = TrackingCost::new(&planned, tracked)?;
+        let (hover, inputs) = planned.hover()?;
+        if self.endless {
+            let end = endless_cost(&planned, &cost, &self.weights, &hover, &inputs)?;
+            cost = cost.with_end(&end)?;
+        }
+        let mut model = StageModel::new(&planned, &cost, planned.errors()?)?;
+        if is_exact {
+            model = model.with_curvature(&planned, &cost)?;
+        }
+        let mut problem = OptimalProblem::new(Arc::new(model), self.stages, &hover)?;
+        let (lower, upper) = planned.bounds();
+        problem.set_bounds(&lower, &upper)?;
+        problem.set_soft_bounds(&soft_bounds(&planned, &self.state_bounds)?)?;
+        Ok((planned, cost, problem, inputs))
+    }
+
+    /// Steps of the plant between two ticks.
+    pub(super) fn ticks_every(&self, dt: f64) -> Result<u64> {
+        ticks_every(self.rate, dt)
+    }
+
     /// Checks their ranges: 1 to 1000 stages of (0, 1] s, iterations and substeps ≥ 1, rate > 0, estimate ≥ 0.
     ///
     /// # Errors
@@ -412,8 +427,9 @@ impl MpcSettings {
     }
 }
 
-/// The same model under other physics.
-fn rebuilt(plant: &Plant, physics: Physics) -> Result<Plant> {
+/// The same model under other physics, pushed from outside.
+fn with_disturbance(plant: &Plant, physics: Physics) -> Result<Plant> {
+    let physics = Physics { effects: Effects { disturbance: true, contact: false, ..physics.effects }, ..physics };
     match plant {
         Plant::Rigid(m) => Plant::of_vehicle(m.vehicle(), physics),
         Plant::Tree(m) => Plant::of_model(m.model(), physics),

@@ -112,7 +112,15 @@ impl PlannedPlant {
     /// [`Error::Value`] for another length.
     pub fn state_of(&self, plant_state: &[f64]) -> Result<Vec<f64>> {
         length("state of the plant", plant_state.len(), self.plant.n_state())?;
-        Ok(self.kept.iter().zip(&self.units).map(|(k, unit)| plant_state[*k] / unit).collect())
+        Ok(self.states_of(plant_state))
+    }
+
+    /// Likewise over any scalar.
+    pub(super) fn states_of<S: Scalar>(&self, plant_state: &[S]) -> Vec<S> {
+        let of = |(k, unit): (&usize, &f64)| {
+            if *unit == 1.0 { plant_state[*k] } else { plant_state[*k] * S::constant(1.0 / unit) }
+        };
+        self.kept.iter().zip(&self.units).map(of).collect()
     }
 
     /// Least and largest inputs: those of rotors as [`PlannedInput`] says, −1 and 1 of drives; 10⁻⁹ of them within, where commands are not
@@ -154,7 +162,7 @@ impl PlannedPlant {
     }
 
     /// Actions and drive commands of inputs, at their places in the plant's input.
-    pub fn write_commands(&self, inputs: &[f64], commands: &mut [f64]) {
+    pub fn write_commands<S: Scalar>(&self, inputs: &[S], commands: &mut [S]) {
         for (i, k) in self.commands.iter().enumerate() {
             commands[*k] = self.command(i, inputs[i]);
         }
