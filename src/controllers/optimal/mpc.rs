@@ -342,7 +342,7 @@ impl MpcSettings {
     pub fn for_plant(plant: &Plant) -> Self {
         let mut settings = Self::default();
         if plant.tree().is_some() {
-            settings.weights = TrackingWeights { joint_rate: 0.1, ..settings.weights };
+            settings.weights = TrackingWeights { joint: 0.1, joint_rate: 0.1, ..settings.weights };
         }
         settings
     }
