@@ -17,6 +17,8 @@ pub struct Baseline {
     seats: Vec<Option<Seat>>,
     failures: Vec<(usize, Error)>,
     name: String,
+    /// What it was asked for.
+    named: Option<String>,
     dt: f64,
     n_action: usize,
     /// Of the environment it was made for: what flies is numbered so.
@@ -38,6 +40,19 @@ impl Baseline {
     /// [`Error::Value`] if the environment is in another control mode or no reference says what the task tracks;
     /// otherwise as the controllers.
     pub fn new(env: &Env) -> Result<Self> {
+        Self::made(env, None)
+    }
+
+    /// Likewise with a controller of the [registry](controllers::registry) by its name, as `mpc`, in place of the usual one; of one vehicle or
+    /// of what is joined together.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new), and for a name that there is not or a robot that it is not made for.
+    pub fn with_controller(env: &Env, name: &str) -> Result<Self> {
+        Self::made(env, Some(name))
+    }
+
+    fn made(env: &Env, named: Option<&str>) -> Result<Self> {
         let spec = env.spec();
         if spec.config.control != Level::Rotor {
             let remedy = "Leave `control` out.";
@@ -47,10 +62,11 @@ impl Baseline {
             let what = format!("task {}: reference", spec.task);
             return Err(Error::value(what, "none", "one that a controller can track", "Try --controller random."));
         }
-        let name = BaselineControllers::of(env.robot(), &env.parameters(0)?, spec.dt)?.name().to_string();
+        let name = BaselineControllers::of(env.robot(), &env.parameters(0)?, spec.dt, named)?.name().to_string();
         let seats = (0..spec.n_env).map(|_| None).collect();
         let n_action = spec.n_agent * spec.action.len();
-        Ok(Self { seats, failures: Vec::new(), name, dt: spec.dt, n_action, config_hash: env.config_hash() })
+        let (failures, named) = (Vec::new(), named.map(String::from));
+        Ok(Self { seats, failures, name, named, dt: spec.dt, n_action, config_hash: env.config_hash() })
     }
 
     /// Name of the controller that flies, in one word.
@@ -106,7 +122,7 @@ impl Baseline {
 
     fn seat(&mut self, env: &Env, environment: usize) -> Result<Seat> {
         let robot = env.robot();
-        let crew = BaselineControllers::of(robot, &env.parameters(environment)?, self.dt).unwrap_or_else(|error| {
+        let crew = BaselineControllers::of(robot, &env.parameters(environment)?, self.dt, self.named.as_deref()).unwrap_or_else(|error| {
             self.failures.push((environment, error));
             BaselineControllers::Nobody
         });

@@ -6,7 +6,7 @@ use base::error::{Error, Result};
 use controllers::cascade::{Cascade, Rates};
 use controllers::controller::{Controller, Measurement, Target};
 use controllers::kinematics::Kinematics;
-use controllers::registry::{Setup, default_controller, swift};
+use controllers::registry::{Setup, controller, default_controller, swift};
 use dynamics::rigid::{RIGID_DIM, vehicle_of};
 use dynamics::tree::Model;
 use dynamics::{Inertia, Plant, Rotor, Vehicle};
@@ -22,8 +22,11 @@ pub(crate) enum BaselineControllers {
 }
 
 impl BaselineControllers {
-    /// For a robot with these numbers, in steps of `dt` seconds.
-    pub(crate) fn of(robot: &Robot, numbers: &[f64], dt: f64) -> Result<Self> {
+    /// For a robot with these numbers, in steps of `dt` seconds; of the registry's controllers the one of that name, or the usual ones.
+    pub(crate) fn of(robot: &Robot, numbers: &[f64], dt: f64, name: Option<&str>) -> Result<Self> {
+        if let Some(name) = name {
+            return Self::named(robot, numbers, dt, name);
+        }
         match robot.plant() {
             Plant::Rigid(m) => {
                 // who cannot hold its height sinks under any controller: the nominal one's does not refuse to try
@@ -43,6 +46,15 @@ impl BaselineControllers {
                 default_controller(&known, &setup).map(Self::Joined)
             }
         }
+    }
+
+    fn named(robot: &Robot, numbers: &[f64], dt: f64, name: &str) -> Result<Self> {
+        let known = match robot.plant() {
+            Plant::Rigid(m) => Plant::of_vehicle(&vehicle_of(m.vehicle(), numbers)?, *m.physics())?,
+            Plant::Tree(m) => Plant::of_model(&with_numbers(m.model(), numbers)?, *m.physics())?,
+        };
+        let setup = Setup { gains: None, rates: &Rates::every_step(dt), swift: robot.vehicle.as_ref() };
+        controller(name, &known, &setup).map(Self::Joined)
     }
 
     /// What flies, in one word.

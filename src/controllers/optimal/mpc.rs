@@ -338,11 +338,19 @@ impl Mpc {
 }
 
 impl MpcSettings {
-    /// For a plant: of one with joints, these are held too.
+    /// For a plant: one with joints is led more gently, and its joints are held too.
     pub fn for_plant(plant: &Plant) -> Self {
         let mut settings = Self::default();
         if plant.tree().is_some() {
-            settings.weights = TrackingWeights { joint: 0.1, joint_rate: 0.1, ..settings.weights };
+            settings.weights = TrackingWeights {
+                position: [50.0, 50.0, 100.0],
+                velocity: [10.0; 3],
+                attitude: [5.0, 5.0, 20.0],
+                angular_velocity: [5.0; 3],
+                joint: 0.1,
+                joint_rate: 1.0,
+                ..settings.weights
+            };
         }
         settings
     }

@@ -56,7 +56,7 @@ impl Residual {
     }
 
     fn crew(&self, robot: &Robot) -> Result<BaselineControllers> {
-        BaselineControllers::of(robot, &robot.parameters(), self.dt)
+        BaselineControllers::of(robot, &robot.parameters(), self.dt, None)
     }
 
     /// What one worker needs.
