@@ -6,8 +6,8 @@
 //!
 //! - The plan minimises [`TrackingCost`] along the reference, from now on, with all inputs within bounds, motors with their lag, and
 //!   bounds of states that may be passed at a cost. It ends with the cost of an endless flight near hover (the Riccati equation).
-//! - What moves the root beyond the model, force and moment, is estimated: d̂⁺ = d̂ + (1 − e^(−LT)) G⁻¹ (x − x̂), with x̂ the velocities that the
-//!   model foretold for this tick and G what a force and a moment change of them in a tick. The plan flies with d̂.
+//! - What moves the root beyond the model, force and moment, is estimated: d̂⁺ = d̂ + (1 − e^(−LT)) (v − v̂)/g, with v̂ the velocities that the
+//!   model foretold for this tick and g what a force or a moment changes of its own in a tick. The plan flies with d̂.
 //! - Commands that act late are answered for: the plan begins at the state that the model has when its commands will act.
 //! - A tick whose program fails flies on with the plan of the last; after ten of them in a row the fallback flies, until a plan is
 //!   found again. Both are counted and [told](Controller::notes).
@@ -30,8 +30,9 @@ use crate::kinematics::Kinematics;
 use autodiff::{System, linearise};
 use base::defaults::with_defaults;
 use base::error::{Error, Result};
+use dynamics::tree::Model;
 use dynamics::{Disturbance, Effects, Physics, Plant};
-use nalgebra::{DMatrix, Matrix6, Vector6};
+use nalgebra::{DMatrix, Vector6};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use std::time::Instant;
@@ -141,7 +142,7 @@ struct Observer {
     /// Share of what is missing that is learnt in a tick.
     share: f64,
     /// From velocities that were not foretold to force and moment.
-    inverse: Matrix6<f64>,
+    inverse: Vector6<f64>,
     estimate: Vector6<f64>,
     /// Most of each.
     most: Vector6<f64>,
@@ -435,12 +436,16 @@ impl MpcSettings {
     }
 }
 
-/// The same model under other physics, pushed from outside.
+/// The same model under other physics, its root pushed from outside: that is where the estimate is made.
 fn with_disturbance(plant: &Plant, physics: Physics) -> Result<Plant> {
     let physics = Physics { effects: Effects { disturbance: true, contact: false, ..physics.effects }, ..physics };
     match plant {
         Plant::Rigid(m) => Plant::of_vehicle(m.vehicle(), physics),
-        Plant::Tree(m) => Plant::of_model(m.model(), physics),
+        Plant::Tree(m) => {
+            let mut parts = m.model().parts().clone();
+            parts.pushed.clear();
+            Plant::of_model(&Model::new(parts)?, physics)
+        }
     }
 }
 
@@ -501,8 +506,9 @@ impl Observer {
         // what a force and a moment change of the velocities in one step, times the steps of a tick
         let own = linearise(believed, &hover, &input, &theta);
         let rows = [3, 4, 5, 10, 11, 12];
-        let effect = Matrix6::from_fn(|i, j| own.input[(rows[i], first + j)] * every as f64);
-        let inverse = effect.try_inverse().unwrap_or_else(Matrix6::zeros);
+        // each by what it moves itself: how one moves the other changes sign with attitude and joints
+        let effect = Vector6::from_fn(|i, _| own.input[(rows[i], first + i)] * every as f64);
+        let inverse = effect.map(|e| if e.abs() > f64::MIN_POSITIVE { 1.0 / e } else { 0.0 });
         let lever = believed.rotors().iter().map(|r| r.max_thrust()).sum::<f64>();
         let most = [3.0 * 9.81 * mass; 3].into_iter().chain([0.5 * lever; 3]);
         Ok(Self {
@@ -518,7 +524,7 @@ impl Observer {
         let Some(foretold) = self.foretold.take() else { return };
         let now = velocities(state);
         let missing = Vector6::from_fn(|k, _| now[k] - foretold[k]);
-        let learnt = self.estimate + self.share * (self.inverse * missing);
+        let learnt = self.estimate + self.share * self.inverse.component_mul(&missing);
         if learnt.iter().all(|x| x.is_finite()) {
             self.estimate = learnt.zip_map(&self.most, |x, most| x.clamp(-most, most));
         }
