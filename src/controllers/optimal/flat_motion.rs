@@ -3,6 +3,7 @@
 use super::planned_plant::{PlannedInput, PlannedPlant};
 use crate::allocation::Mixer;
 use crate::cascade_law::with_drag_of;
+use crate::controller::Target;
 use crate::kinematics::Kinematics;
 use crate::parameters::BodyModel;
 use crate::position::flat_command;
@@ -14,8 +15,8 @@ use dynamics::{MAX_ROTORS, Plant};
 /// Specific force below which its direction says nothing, m/s².
 const FREE_FALL: f64 = 2.0;
 
-/// Of a rigid vehicle by differential flatness with linear drag; of other plants upright at the heading of the reference, with the inputs of
-/// hover.
+/// Of a rigid vehicle by differential flatness with linear drag; of other plants at the heading of the reference with the tilt beside it, with
+/// the inputs of hover.
 #[derive(Debug, Clone)]
 pub(super) struct FlatMotion {
     vehicle: Option<FlatVehicle>,
@@ -61,14 +62,21 @@ impl FlatMotion {
     }
 
     /// The attitude of hover at the heading of a sample.
-    pub(super) fn upright(&self, sample: &Setpoint<f64>) -> [f64; 4] {
+    fn upright(&self, sample: &Setpoint<f64>) -> [f64; 4] {
         let (s, c) = (0.5 * sample.yaw).sin_cos();
         multiply([c, 0.0, 0.0, s], self.attitude)
     }
 
     /// Motion of the root's attitude and rates with position and velocity of the reference, and the inputs. Near free fall, where the map
     /// has no attitude, it is the one `before`.
-    pub(super) fn at(&self, sample: &Setpoint<f64>, before: [f64; 4], inputs: &mut [f64]) -> Kinematics<f64> {
+    pub(super) fn at(
+        &self,
+        target: Target<'_>,
+        time: f64,
+        before: Option<[f64; 4]>,
+        inputs: &mut [f64],
+    ) -> Kinematics<f64> {
+        let sample = &target.sample(time);
         let mut motion = Kinematics {
             velocity: sample.velocity,
             attitude: self.upright(sample),
@@ -76,12 +84,17 @@ impl FlatMotion {
         };
         motion.angular_velocity = rotate_back(motion.attitude, [0.0, 0.0, sample.yaw_rate]);
         inputs.copy_from_slice(&self.hover);
-        let Some(own) = &self.vehicle else { return motion };
+        let Some(own) = &self.vehicle else {
+            let wanted = target.orientation(time);
+            motion.attitude = multiply(from_matrix(wanted.attitude), self.attitude);
+            motion.angular_velocity = rotate_back(self.attitude, wanted.angular_velocity);
+            return motion;
+        };
         let (orientation, wrench) = flat_command(&own.body, sample);
         let attitude = multiply(from_matrix(orientation.attitude), self.attitude);
         let rates = rotate_back(self.attitude, orientation.angular_velocity);
         if wrench[0] < FREE_FALL * own.body.mass {
-            motion.attitude = before;
+            motion.attitude = before.unwrap_or(motion.attitude);
             motion.angular_velocity = [0.0; 3];
             inputs.copy_from_slice(&own.lower);
             return motion;

@@ -27,6 +27,8 @@ use crate::closed_loop::check_latency;
 use crate::controller::{Controller, Measurement, Note, Target};
 use crate::design::riccati;
 use crate::kinematics::Kinematics;
+use crate::platform_controller::is_platform;
+use crate::vectored::vectored;
 use autodiff::{System, linearise};
 use base::defaults::with_defaults;
 use base::error::{Error, Result};
@@ -237,8 +239,7 @@ impl Mpc {
         let none = TrackingWeights::zero();
         let mut attitude = attitude;
         for stage in 0..=settings.stages {
-            let sample = target.reference.sample(time + stage as f64 * settings.stage);
-            let motion = flat.at(&sample, attitude, &mut inputs);
+            let motion = flat.at(target, time + stage as f64 * settings.stage, Some(attitude), &mut inputs);
             attitude = motion.attitude;
             row.fill(0.0);
             let (force, moment) = ([0, 1, 2].map(|k| observer.estimate[k]), [3, 4, 5].map(|k| observer.estimate[k]));
@@ -258,11 +259,11 @@ impl Mpc {
         let hover = self.cost.hover().to_vec();
         let mut attitude = [state[6], state[7], state[8], state[9]];
         for stage in 0..=self.settings.stages {
-            let sample = target.reference.sample(time + stage as f64 * self.settings.stage);
             let row = &mut plan.states[stage * n..(stage + 1) * n];
             row.copy_from_slice(&hover);
             let mut inputs = vec![0.0; m];
-            let motion = self.flat.at(&sample, attitude, &mut inputs);
+            let ahead = time + stage as f64 * self.settings.stage;
+            let motion = self.flat.at(target, ahead, Some(attitude), &mut inputs);
             attitude = motion.attitude;
             // from where it is, at the reference's attitude
             motion.write(row);
@@ -352,6 +353,9 @@ impl MpcSettings {
                 joint_rate: 1.0,
                 ..settings.weights
             };
+            if holds_tilt(plant) {
+                settings.weights.attitude = [100.0; 3];
+            }
         }
         settings
     }
@@ -447,6 +451,11 @@ fn with_disturbance(plant: &Plant, physics: Physics) -> Result<Plant> {
             Plant::of_model(&Model::new(parts)?, physics)
         }
     }
+}
+
+/// Whether a plant can lean apart from where it is pushed.
+fn holds_tilt(plant: &Plant) -> bool {
+    plant.tree().is_some_and(|m| is_platform(m.model()) || vectored(m.model()))
 }
 
 /// Steps between ticks that come at most so often.
@@ -545,6 +554,10 @@ impl Controller for Mpc {
         let MpcSettings { stages, stage, .. } = &self.settings;
         let rate = 1.0 / self.period;
         format!("plans {stages} stages of {:.0} ms, {rate:.0} times a second", 1e3 * stage)
+    }
+
+    fn holds_tilt(&self) -> bool {
+        holds_tilt(&self.believed)
     }
 
     fn tracked(&self, state: &[f64]) -> Kinematics<f64> {

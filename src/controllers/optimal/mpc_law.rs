@@ -205,10 +205,8 @@ impl ControlLaw for MpcLaw {
         let inner = &self.inner;
         let mut before = None;
         for (stage, row) in row.chunks_exact_mut(inner.n_instant()).enumerate() {
-            let sample = target.reference.sample(time + stage as f64 * inner.settings.stage);
             let (motion, inputs) = row.split_at_mut(Kinematics::<f64>::DIM);
-            let upright = inner.flat.upright(&sample);
-            let own = inner.flat.at(&sample, before.unwrap_or(upright), inputs);
+            let own = inner.flat.at(target, time + stage as f64 * inner.settings.stage, before, inputs);
             before = Some(own.attitude);
             own.write(motion);
         }
