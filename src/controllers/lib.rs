@@ -43,6 +43,7 @@
 //! | `collision_parts` | what counts of what flies for the ground and for obstacles: shapes and rotor discs |
 //! | `flight_check`: [`FlightCheck`], [`Mishap`] | what fails a flight however small its errors are: the ground, a load that turned over |
 //! | [`design`] | Riccati equations, optimal feedback, tuning |
+//! | [`optimal`] | trajectories of least cost, model predictive control |
 //!
 //! At equal rates the four levels compose to the geometric law of Lee, Leok and McClamroch (2010), term by term:
 //! F = m(a_ref + K_p e_p + K_v e_v + g e_z), M = −K_R e_R − K_ω e_ω + ω×Jω − J(ω̂RᵀR_dω_d − RᵀR_dω̇_d).

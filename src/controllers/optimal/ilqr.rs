@@ -438,3 +438,6 @@ impl IlqrSettings {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests;

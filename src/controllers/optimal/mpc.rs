@@ -680,3 +680,6 @@ impl Mpc {
         self.observer.foretold = Some(velocities(&own));
     }
 }
+
+#[cfg(test)]
+mod tests;

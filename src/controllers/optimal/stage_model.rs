@@ -566,3 +566,6 @@ fn errors_of(errors: &ErrorState, state: &[Trace]) -> Vec<Trace> {
     });
     all
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,92 @@
+use super::super::{FirstGuess, ProblemFile};
+use super::*;
+
+fn solved(course: &super::super::CourseProblem, guess: FirstGuess) -> (Ilqr, IlqrReport) {
+    let mut search = Ilqr::new(&course.problem).unwrap();
+    match guess {
+        FirstGuess::Hover => search.start_from_inputs(&course.problem, &course.guess.inputs).unwrap(),
+        FirstGuess::Line => search.start_from(&course.problem, &course.guess).unwrap(),
+    }
+    let report = search.solve(&course.problem, &course.settings, |_, _| {}).unwrap();
+    (search, report)
+}
+
+#[test]
+fn problems_that_are_built_in_are_solved_from_flights_and_from_lines_that_nobody_can_fly() {
+    for (name, _) in ProblemFile::built_in() {
+        let course = ProblemFile::by_name(name).unwrap();
+        for guess in [FirstGuess::Hover, FirstGuess::Line] {
+            let (search, report) = solved(&course, guess);
+            let n = report.iterations.len();
+            println!("{name} from {guess:?}: {n} iterations, {:.9}, violated by {:.1e}", report.cost, report.violation);
+            assert_eq!(report.status, IlqrStatus::Solved, "{name}");
+            assert!(report.gap < 1e-12 && report.violation <= 1e-6, "{name}: {report:?}");
+            // measured: 25 at most
+            assert!(n <= 40, "{name}: {n} iterations");
+            for k in 0..course.problem.n_stage() {
+                let (lower, upper) = course.problem.bounds(k);
+                let m = lower.len();
+                let own = &search.trajectory().inputs[k * m..(k + 1) * m];
+                assert!((0..m).all(|i| own[i] >= lower[i] && own[i] <= upper[i]), "{name}, stage {k}: {own:?}");
+            }
+        }
+    }
+}
+
+/// The problem of `crates/bench/rivals/problems/hummingbird_speed_equal_lags.toml`; its optimum is that of CasADi with IPOPT and of Newton's
+/// method on the active set, both with a model of their own, to 1e-13.
+#[test]
+fn the_optimum_is_that_of_a_solver_with_a_model_of_its_own() {
+    let text = r#"
+        vehicle = "hummingbird"
+        steps = 20
+        dt = 0.05
+        [start]
+        position = [0.6, -0.64, 0.48]
+        velocity = [1.0, -0.5, 0.3]
+        attitude = [0.9659258262890683, 0.15529142706151244, 0.2070552360820166, 0.0]
+        angular_velocity = [0.5, -0.3, 0.2]
+        [stage]
+        position = 200.0
+        velocity = 1.0
+        attitude = [5.0, 5.0, 200.0]
+        angular_velocity = 1.0
+        input = 6.0
+        [terminal]
+        position = 2000.0
+        velocity = 10.0
+        attitude = [50.0, 50.0, 2000.0]
+        angular_velocity = 10.0
+    "#;
+    let course = ProblemFile::from_toml_str(text, "equal lags").unwrap().problem(None).unwrap();
+    let (_, report) = solved(&course, FirstGuess::Line);
+    let error = report.cost / 84.06195720762548 - 1.0;
+    println!("{:?}, off by {error:.1e} after {} iterations", report.status, report.iterations.len());
+    assert_eq!(report.status, IlqrStatus::Solved);
+    // measured: 1.7e-10, and 8 iterations
+    assert!(error.abs() < 1e-8 && report.iterations.len() <= 12);
+}
+
+#[test]
+fn gains_along_a_trajectory_bring_deviations_back() {
+    let course = ProblemFile::by_name("slalom").unwrap();
+    let (search, _) = solved(&course, FirstGuess::Line);
+    let (problem, gains, plan) = (&course.problem, search.gains(), search.trajectory());
+    let (n, m, errors) = (problem.model().n_state(), problem.model().n_input(), problem.model().errors());
+    let mut expansion = StageExpansion::new(problem).unwrap();
+    let mut fly = |feedback: f64| {
+        let mut state = plan.states[..n].to_vec();
+        (state[0], state[1]) = (state[0] + 0.05, state[1] - 0.05);
+        for k in 0..problem.n_stage() {
+            let error = errors.difference(&state, &plan.states[k * n..(k + 1) * n]);
+            let turn = &gains[k] * error * feedback;
+            let input: Vec<f64> = (0..m).map(|i| plan.inputs[k * m + i] + turn[i]).collect();
+            expansion.evaluate(problem, k, &state, &input);
+            state.copy_from_slice(&expansion.work.single_results[..n]);
+        }
+        errors.difference(&state, &plan.states[plan.states.len() - n..]).rows(0, 3).norm()
+    };
+    let (with, without) = (fly(1.0), fly(0.0));
+    println!("{with:.1e} m off at the end with feedback, {without:.1e} m without");
+    assert!(with < 1e-3 && without > 0.03);
+}
