@@ -179,6 +179,10 @@ impl Planned<'_> {
         let of = |value: fn(&IlqrIteration) -> f64| -> Vec<(f64, f64)> {
             history.iter().enumerate().map(|(n, step)| ((n + 1) as f64, value(step))).collect()
         };
+        // a gap of rounding is none
+        let closed = self.problem.settings.tolerance * self.trajectory.states.len() as f64;
+        let mut gaps = of(|step| step.gap);
+        gaps.iter_mut().filter(|(_, gap)| *gap <= closed).for_each(|(_, gap)| *gap = 0.0);
         let marked = |series: Series| if history.len() <= FEW { series.markers() } else { series };
         let rounds = |panel: Panel| {
             let begun = history.windows(2).enumerate().filter(|(_, pair)| pair[1].round > pair[0].round);
@@ -190,8 +194,10 @@ impl Planned<'_> {
             .series(marked(Series::line("", of(|step| step.cost)).colour(Colour::BLUE)))
             .log_y();
         let left = Panel::new("What was left", "iteration", "[-]")
-            .series(marked(Series::line("gap to the dynamics", of(|step| step.gap)).colour(Colour::VERMILLION)))
-            .series(marked(Series::line("expected decrease", of(|step| step.expected)).colour(Colour::GREEN)))
+            .series(marked(Series::line("gap to the dynamics", gaps).colour(Colour::VERMILLION)))
+            .series(marked(
+                Series::line("expected change of the cost", of(|step| step.expected.abs())).colour(Colour::GREEN),
+            ))
             .log_y();
         let steps = Panel::new("Length of the step", "iteration", "α [-]")
             .series(marked(Series::line("", of(|step| step.step)).colour(Colour::INK)))
