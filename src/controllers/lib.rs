@@ -4,7 +4,7 @@
 //! |---|---|
 //! | `kinematics`: [`Kinematics`] | the state a controller sees |
 //! | `hover_axes`: [`HoverAxes`] | the axes in which a vehicle hovers level |
-//! | [`mod@reference`] | hover, step, circle, lemniscate, waypoints, with exact derivatives up to snap |
+//! | [`mod@reference`] | hover, step, circle, lemniscate, waypoints, sampled curves, with exact derivatives up to snap |
 //! | `parameters`: [`BodyModel`], [`CommandLimits`] | gains, body and limits as scalars, so that they can be traced, dual or per lane |
 //! | `position` | position error → velocity command |
 //! | `velocity`: [`VelocityCommand`] | velocity command → thrust, attitude, and feed-forward rates by differential flatness |

@@ -1,7 +1,8 @@
 //! References: exact derivatives, golden values, files, refusals.
 
 use omnidrones::controllers::reference::{
-    Circle, Curve, Ellipse, Lemniscate, MAX_WAYPOINTS, Reference, Setpoint, Tilt, Waypoint, Waypoints, lemniscate_phase,
+    Circle, Curve, Ellipse, Lemniscate, MAX_SAMPLES, MAX_WAYPOINTS, Reference, Sampled, Setpoint, Tilt, Waypoint,
+    Waypoints, lemniscate_phase,
 };
 use omnidrones::dynamics::spatial::{Vec3, mat_mul, transpose};
 use std::f64::consts::{PI, TAU};
@@ -337,4 +338,140 @@ fn paths_that_cannot_be_flown_are_refused_with_a_reason() {
     assert!(text(vec![at(0.0), at(1.0), at(500.0)]).contains("within a factor of 100"));
     let nan = Waypoint { position: [0.0, f64::INFINITY, 0.0], ..at(2.0) };
     assert!(text(vec![at(0.0), nan]).starts_with("waypoint 1: position[1] is inf"));
+}
+
+/// A knot of sines, sampled every `step` s over 2 s from 0.3 s on.
+fn knot(step: f64) -> Sampled {
+    let point = |t: f64| Waypoint {
+        time: t,
+        position: [t.sin(), (1.5 * t).cos(), 2.0 + 0.3 * (2.0 * t).sin()],
+        yaw: 0.5 * t.sin(),
+    };
+    let velocity = |t: f64| [t.cos(), -1.5 * (1.5 * t).sin(), 0.6 * (2.0 * t).cos()];
+    let n = (2.0 / step).round() as usize;
+    let points = (0..=n).map(|k| point(0.3 + k as f64 * step)).collect();
+    Sampled::with_velocities(points, [velocity(0.3), velocity(2.3)]).unwrap()
+}
+
+#[test]
+fn a_sampled_curve_passes_its_points_with_all_derivatives_up_to_snap_on_both_sides() {
+    for step in [0.1, 2.0, 1.0] {
+        let curve = knot(step);
+        let reference = Reference::Sampled(curve.clone());
+        let points = curve.points();
+        let close = |a: f64, b: f64, bound: f64| assert!((a - b).abs() < bound, "{step}: {a} {b}");
+        for (k, own) in points.iter().enumerate() {
+            let is_end = k + 1 == points.len();
+            let at = reference.sample(if is_end { own.time - 1e-12 } else { own.time });
+            (0..3).for_each(|i| close(at.position[i], own.position[i], 1e-11));
+            close(at.yaw, own.yaw, 1e-11);
+            if k == 0 || is_end {
+                let t: f64 = own.time;
+                close(at.velocity[1], -1.5 * (1.5 * t).sin(), 1e-10);
+                close(at.yaw_rate, 0.0, 1e-10);
+                (0..3).for_each(|i| close(at.jerk[i], 0.0, 1e-7));
+                continue;
+            }
+            let before = reference.sample(own.time - 1e-9);
+            for i in 0..3 {
+                // measured: 6e-7, the slopes across 1 ns and rounding
+                close(before.acceleration[i], at.acceleration[i], 1e-6);
+                close(before.jerk[i], at.jerk[i], 1e-5);
+                close(before.snap[i], at.snap[i], 1e-4);
+            }
+        }
+        assert_eq!(reference.duration(), Some(points[points.len() - 1].time));
+    }
+}
+
+#[test]
+fn a_sampled_curve_has_exact_derivatives_and_rests_before_and_behind_its_points() {
+    let reference = Reference::Sampled(knot(0.1));
+    let h = 1e-5;
+    for t in [0.345, 0.72, 1.555, 2.26] {
+        let [a, b, c] = [t - h, t, t + h].map(|t| reference.sample(t));
+        let series = |s: &Setpoint<f64>| [s.position, s.velocity, s.acceleration, s.jerk, s.snap];
+        for k in 0..4 {
+            for i in 0..3 {
+                let difference = (series(&c)[k][i] - series(&a)[k][i]) / (2.0 * h);
+                let exact = series(&b)[k + 1][i];
+                assert!((difference - exact).abs() < 1e-6 * (1.0 + exact.abs()), "{t} {k} {i}: {difference} {exact}");
+            }
+        }
+        assert!(((c.yaw_rate - a.yaw_rate) / (2.0 * h) - b.yaw_acceleration).abs() < 1e-6);
+    }
+    for (t, end) in [(-1.0, 0.3), (0.29, 0.3), (2.31, 2.3), (1e9, 2.3), (-1e300, 0.3)] {
+        let (s, wanted) = (reference.sample(t), [f64::sin(end), f64::cos(1.5 * end), 2.0 + 0.3 * f64::sin(2.0 * end)]);
+        assert!((0..3).all(|i| (s.position[i] - wanted[i]).abs() < 1e-12), "{t}");
+        assert_eq!(
+            (s.velocity, s.acceleration, s.jerk, s.snap, s.yaw_rate),
+            ([0.0; 3], [0.0; 3], [0.0; 3], [0.0; 3], 0.0)
+        );
+    }
+}
+
+#[test]
+fn a_sampled_curve_comes_nearer_to_what_was_sampled_with_the_sixth_power_of_the_step() {
+    let error = |step: f64| {
+        let reference = Reference::Sampled(knot(step));
+        // away from the ends, where the jerk is made zero
+        let times = (0..400).map(|k| 0.9 + 0.002 * f64::from(k));
+        times.map(|t| (reference.sample(t).position[1] - (1.5 * t).cos()).abs()).fold(0.0, f64::max)
+    };
+    let [coarse, fine] = [0.1, 0.05].map(error);
+    println!("{coarse:.1e} {fine:.1e}, factor {}", coarse / fine);
+    assert!(coarse < 1e-7 && coarse / fine > 32.0, "{coarse} {fine}");
+}
+
+#[test]
+fn no_curve_through_the_same_points_has_less_jerk_than_a_sampled_one() {
+    let reference = Reference::Sampled(knot(0.5));
+    let times: Vec<f64> = (0..2000).map(|k| 0.3005 + 0.001 * f64::from(k)).collect();
+    // a bump that is zero at all points, and at rest at the ends
+    let jerk_of_bump = |t: f64| {
+        let h = 1e-3;
+        let bump = |t: f64| (TAU * (t - 0.3)).sin().powi(2) * (t - 0.3) * (2.3 - t);
+        (bump(t + 2.0 * h) - 2.0 * bump(t + h) + 2.0 * bump(t - h) - bump(t - 2.0 * h)) / (2.0 * h.powi(3))
+    };
+    let cost = |share: f64| -> f64 {
+        times.iter().map(|t| 1e-3 * (reference.sample(*t).jerk[0] + share * jerk_of_bump(*t)).powi(2)).sum()
+    };
+    let [less, own, more] = [-1e-3, 0.0, 1e-3].map(cost);
+    // the first variation vanishes: what is left is the square of the bump's jerk
+    println!("{} of {own}, beside {}", 0.5 * (more - less), 0.5 * (more + less) - own);
+    assert!(own < less && own < more, "{less} {own} {more}");
+}
+
+#[test]
+fn points_that_make_no_sampled_curve_are_named_and_files_of_them_read_back() {
+    let good = knot(0.5).points().to_vec();
+    let text = |change: &dyn Fn(&mut Vec<Waypoint>)| {
+        let mut points = good.clone();
+        change(&mut points);
+        Sampled::new(points).unwrap_err().to_string()
+    };
+    for (told, words) in [
+        (text(&|p| p.truncate(1)), "is 1, below the limit of 2 to 4000"),
+        (text(&|p| p.clear()), "is 0, below the limit of 2 to 4000"),
+        (text(&|p| p[1].time = 0.3), "waypoint 1: time is 0.3"),
+        (text(&|p| p[0].time = -1.0), "waypoint 0: time"),
+        (text(&|p| p[2].position[1] = f64::NAN), "waypoint 2: position"),
+        (text(&|p| p[3].yaw = f64::INFINITY), "waypoint 3: yaw"),
+    ] {
+        assert!(told.contains(words), "{told}");
+    }
+    let fast = Sampled::with_velocities(good.clone(), [[0.0; 3], [0.0, f64::NAN, 0.0]]).unwrap_err();
+    assert!(fast.to_string().contains("end_velocity"), "{fast}");
+    let many = (0..=MAX_SAMPLES).map(|k| Waypoint { time: k as f64, ..good[0] }).collect();
+    assert!(Sampled::new(many).unwrap_err().to_string().contains("2 to 4000"));
+    let reference = Reference::Sampled(knot(0.5));
+    let written = toml::to_string(&reference).unwrap();
+    assert_eq!(toml::from_str::<Reference>(&written).unwrap(), reference, "{written}");
+    let short = "kind = 'sampled'\n[[points]]\ntime = 0.0\nposition = [0, 0, 1]\n";
+    let again = "[[points]]\ntime = 2.0\nposition = [1, 0, 1]\n";
+    let read: Reference = toml::from_str(&format!("{short}{again}")).unwrap();
+    assert!((read.sample(1.0).position[0] - 0.5).abs() < 1e-12 && read.sample(0.0).velocity == [0.0; 3]);
+    for bad in [short.to_string(), format!("{short}{again}yawn = 1.0"), format!("{short}{again}yaw = nan")] {
+        assert!(toml::from_str::<Reference>(&bad).is_err(), "{bad}");
+    }
 }

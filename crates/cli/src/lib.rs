@@ -2,7 +2,7 @@
 //!
 //! | file | idea |
 //! |---|---|
-//! | `fly.rs`, `allocate.rs`, `show.rs`, `models.rs`, `import.rs`, `design.rs`, `linearise.rs`, `recover.rs`, `tune.rs`, `tasks.rs`, `rollout.rs`, `train.rs`, `train_all.rs`, `study.rs`, `eval.rs`, `watch.rs`, `report.rs`, `replay.rs`, `view.rs`, `bench.rs` | one command each |
+//! | `fly.rs`, `allocate.rs`, `show.rs`, `models.rs`, `import.rs`, `design.rs`, `linearise.rs`, `recover.rs`, `tune.rs`, `optimise.rs`, `tasks.rs`, `rollout.rs`, `train.rs`, `train_all.rs`, `study.rs`, `eval.rs`, `watch.rs`, `report.rs`, `replay.rs`, `view.rs`, `bench.rs` | one command each |
 //! | `arguments.rs` | arguments that commands share, how they are read, and the folder that they write into |
 //! | `prelude.rs` | what every command speaks of |
 //! | `environment.rs` | which environments: shared by `tasks`, `rollout`, `eval`, `watch` and `bench` |
@@ -13,6 +13,7 @@
 //! | `rollout_files.rs` | which episodes are asked for; their plots and files |
 //! | `train_plot.rs`, `train_all_plot.rs` | the learning curves of `train` and `train-all` |
 //! | `fly/` | derivatives of what was flown; an earlier flight beside it; drops; verdicts; yaw meant in degrees |
+//! | `optimise/` | a planned trajectory: its files, figures, reference, page |
 //! | `design/` | the figures of `design`, its report |
 //! | `report/` | `report` of single runs, and of folders of several |
 //! | `run_table.rs` | rows of tables of runs, kept in files: what `train-all` and `study` train |
@@ -50,6 +51,7 @@ mod import;
 mod linearise;
 mod models;
 mod npz;
+mod optimise;
 mod over_seeds;
 mod page;
 mod prelude;
@@ -144,6 +146,7 @@ Examples:
   omnidrones linearise payload              its exact linear model, modes and files
   omnidrones recover hummingbird            from which tilts and rates it comes back
   omnidrones tune hummingbird               better gains, by gradients through flights
+  omnidrones optimise slalom                a trajectory of least cost between pillars, to fly
   omnidrones tasks                          the benchmark tasks for learners
   omnidrones tasks Hover                    what an agent sees, commands and is rewarded for
   omnidrones rollout Hover                  256 episodes flown by our controller, with plots
@@ -164,7 +167,7 @@ Output: a folder must be new, empty or made by omnidrones, which then replaces i
 exists elsewhere is kept. Pictures and pages of an earlier flight there go. --force writes into a folder of other files, or over a file. A training run is replaced with \
 --force alone; --resume goes on with it.
 
-Exit codes: 0 done; 1 ran, but the flight, the tuning or a training failed; 2 unusable input or arguments.";
+Exit codes: 0 done; 1 ran, but the flight, the tuning, a search or a training failed; 2 unusable input or arguments.";
 
 #[derive(Debug, Parser)]
 #[command(name = "omnidrones", version, about = "A differentiable multirotor simulator", long_about = LONG_ABOUT,
@@ -203,6 +206,9 @@ enum Command {
     /// Tune a vehicle's gains by gradients through closed-loop flights
     #[command(long_about = tune::ABOUT)]
     Tune(Box<tune::Arguments>),
+    /// Find the trajectory of least cost within bounds, gates and obstacles, as a reference to fly
+    #[command(long_about = optimise::ABOUT)]
+    Optimise(Box<optimise::Arguments>),
     /// List the benchmark tasks, or print everything about one
     #[command(long_about = tasks::ABOUT)]
     Tasks(Box<tasks::Arguments>),
@@ -348,6 +354,7 @@ pub fn outcome(words: impl IntoIterator<Item = OsString>) -> Result<omnidrones::
         Command::Linearise(arguments) => linearise::run(arguments),
         Command::Recover(arguments) => recover::run(arguments),
         Command::Tune(arguments) => tune::run(arguments),
+        Command::Optimise(arguments) => optimise::run(arguments),
         Command::Tasks(arguments) => tasks::run(arguments),
         Command::Rollout(arguments) => rollout::run(arguments),
         Command::Train(arguments) => train::run(arguments),

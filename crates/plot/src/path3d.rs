@@ -32,6 +32,8 @@ pub struct Pose {
 pub struct Path3d {
     /// Above the chart, at the left.
     pub title: String,
+    /// What the path is in the legend.
+    pub name: String,
     /// Points of the path, m; non-finite ones leave gaps.
     pub flown: Vec<[f64; 3]>,
     /// Points of the reference, m, drawn dashed.
@@ -59,6 +61,7 @@ impl Path3d {
     pub fn new(title: impl Into<String>, flown: Vec<[f64; 3]>) -> Self {
         Self {
             title: title.into(),
+            name: "flown".into(),
             flown,
             reference: Vec::new(),
             heat: None,
@@ -70,6 +73,12 @@ impl Path3d {
             azimuth_deg: -62.0,
             elevation_deg: 26.0,
         }
+    }
+
+    /// Under another name than `flown` in the legend.
+    pub fn called(mut self, name: impl Into<String>) -> Self {
+        self.name = name.into();
+        self
     }
 
     /// With a dashed reference.
@@ -193,7 +202,7 @@ impl Path3d {
         let mut entries = Vec::new();
         let mut add = |name: &str, colour, mark| entries.push(Entry { name: name.into(), colour, mark });
         let flown = if self.heat.is_some() { Colour::heat(0.45) } else { Colour::BLUE };
-        add("flown", flown, Mark::Line { dashed: false, width: 2.0 });
+        add(&self.name, flown, Mark::Line { dashed: false, width: 2.0 });
         if !self.reference.is_empty() {
             add("reference", Colour::INK, Mark::Line { dashed: true, width: 1.0 });
         }

@@ -9,6 +9,7 @@ mod circle;
 mod ellipse;
 mod hover;
 mod lemniscate;
+mod sampled;
 mod setpoint;
 mod tilt;
 mod trajectory;
@@ -19,6 +20,7 @@ pub use circle::Circle;
 pub use ellipse::Ellipse;
 pub use hover::{Hover, Step};
 pub use lemniscate::{Lemniscate, lemniscate_curve, lemniscate_phase};
+pub use sampled::{MAX_SAMPLES, Sampled};
 pub use setpoint::Setpoint;
 pub use tilt::Tilt;
 pub use trajectory::{Curve, CustomTrajectory, Series, Trajectory};
@@ -45,6 +47,8 @@ pub enum Reference {
     Lemniscate(Lemniscate),
     /// Through points, with the least snap.
     Waypoints(Waypoints),
+    /// Through samples of a path, with the least jerk. Not among [`Reference::NAMES`]: it needs samples.
+    Sampled(Sampled),
     /// Where a drone must be for its load to follow a path. Not among [`Reference::NAMES`]: it needs a lever.
     Carried(Carried),
     /// Of your own: a value in a program, never in a file.
@@ -94,6 +98,7 @@ impl Reference {
             Self::Ellipse(r) => r,
             Self::Lemniscate(r) => r,
             Self::Waypoints(r) => r,
+            Self::Sampled(r) => r,
             Self::Carried(r) => r,
             Self::Own(r) => &*r.0,
         }

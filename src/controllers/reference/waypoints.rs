@@ -96,7 +96,7 @@ impl Waypoints {
     }
 
     fn solved(points: Vec<Waypoint>, turns: bool) -> Result<Self> {
-        validate(&points)?;
+        validate(&points, MAX_WAYPOINTS)?;
         let yaws = if turns { points.iter().map(|p| p.yaw).collect() } else { unwrapped(&points) };
         let segments = solve(&points, &yaws)?;
         Ok(Self { points, turns, segments })
@@ -170,7 +170,7 @@ impl Curve for Waypoints {
 }
 
 /// Each yaw within half a turn of the one before; a yaw half a turn away stays on the side where it was given.
-fn unwrapped(points: &[Waypoint]) -> Vec<f64> {
+pub(super) fn unwrapped(points: &[Waypoint]) -> Vec<f64> {
     let (mut yaws, mut turns) = (vec![points[0].yaw], 0.0);
     for pair in points.windows(2) {
         let change = pair[1].yaw - pair[0].yaw;
@@ -181,12 +181,13 @@ fn unwrapped(points: &[Waypoint]) -> Vec<f64> {
     yaws
 }
 
-fn validate(points: &[Waypoint]) -> Result<()> {
-    if points.len() < 2 || points.len() > MAX_WAYPOINTS {
+/// Refuses fewer than 2 points or more than `most`, and numbers and times of which no path is made.
+pub(super) fn validate(points: &[Waypoint], most: usize) -> Result<()> {
+    if points.len() < 2 || points.len() > most {
         return Err(Error::limit(
             "number of waypoints",
             points.len(),
-            format!("2 to {MAX_WAYPOINTS}"),
+            format!("2 to {most}"),
             "For one point use the hover reference; split longer paths.",
         ));
     }

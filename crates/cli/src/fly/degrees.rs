@@ -17,6 +17,9 @@ pub(super) fn hint(reference: &Reference) -> Option<String> {
         Reference::Waypoints(r) => {
             r.points().iter().enumerate().map(|(i, p)| (format!("points[{i}].yaw"), p.yaw)).collect()
         }
+        Reference::Sampled(r) => {
+            r.points().iter().enumerate().map(|(i, p)| (format!("points[{i}].yaw"), p.yaw)).collect()
+        }
         Reference::Carried(_) | Reference::Own(_) => Vec::new(),
     };
     let odd: Vec<&(String, f64)> = all.iter().filter(|(_, yaw)| yaw.abs() > TAU && yaw % USUAL == 0.0).collect();

@@ -297,3 +297,125 @@ fn files_of_a_design_that_exist_are_kept_unless_forced() {
     let (_, err) = exits(2, folder.path(), &["design", "iris", "--report", "page.pdf"]);
     assert!(err.contains("a file .html"), "{err}");
 }
+
+/// The rows of a CSV file, and where a column stands; empty cells are NaN.
+fn table(folder: &std::path::Path, file: &str) -> (Vec<String>, Vec<Vec<f64>>) {
+    let text = std::fs::read_to_string(folder.join(file)).expect("written");
+    let mut lines = text.lines().map(|line| line.split(','));
+    let header = lines.next().expect("a header").map(String::from).collect();
+    (header, lines.map(|line| line.map(|cell| cell.parse().unwrap_or(f64::NAN)).collect()).collect())
+}
+
+#[test]
+fn optimise_plans_a_slalom_that_is_flown_between_its_pillars() {
+    let folder = temporary();
+    let told = json(folder.path(), &["optimise", "slalom", "--replay"]);
+    assert!(told["status"] == "solved" && told["success"] == true && told["history"].as_array().is_some(), "{told}");
+    let figure = |path: &str| told.pointer(path).and_then(serde_json::Value::as_f64).unwrap_or(f64::NAN);
+    assert!(figure("/figures/end/distance") < 0.001 && figure("/figures/violation") < 1e-6, "{told}");
+    for file in [
+        "trajectory.csv",
+        "gains.npz",
+        "problem.toml",
+        "reference.toml",
+        "path.png",
+        "trajectory.png",
+        "descent.png",
+        "replay.html",
+    ] {
+        assert!(size(folder.path(), &format!("out/slalom/{file}")) > 500, "{file}");
+    }
+    let (header, rows) = table(folder.path(), "out/slalom/trajectory.csv");
+    let place = |name: &str| header.iter().position(|own| own == name).expect(name);
+    let (x, y) = (place("position_x [m]"), place("position_y [m]"));
+    let inputs = place("rotor_0.speed [-]");
+    assert_eq!((rows.len(), header.len(), inputs), (121, 22, 18));
+    for (k, row) in rows.iter().enumerate() {
+        for pillar in [1.6, 3.2, 4.8, 6.4] {
+            assert!((row[x] - pillar).hypot(row[y]) > 0.6 - 1e-6, "{row:?}");
+        }
+        assert!((row[0] - 0.025 * k as f64).abs() < 1e-12);
+        assert!(k == 120 || row[inputs..].iter().all(|u| (0.01..=1.0).contains(u)), "{row:?}");
+    }
+    // the problem as it was solved is one
+    let again = json(folder.path(), &["optimise", "out/slalom/problem.toml", "--no-plots", "--out", "again"]);
+    assert_eq!(again["figures"]["cost"], told["figures"]["cost"]);
+    let fly = ["fly", "hummingbird", "--reference", "out/slalom/reference.toml", "--no-plots"];
+    for (controller, most) in [("indi", 0.2), ("cascade", 0.8)] {
+        let flown = json(folder.path(), &[&fly[..], &["--controller", controller]].concat());
+        let farthest = flown["flight"]["max_error_overall"].as_f64().expect("a figure");
+        println!("{controller}: {farthest} m from the plan");
+        // measured: 0.149 and 0.614 m
+        assert!(farthest < most, "{controller}: {farthest}");
+    }
+    let (page, _) = exits(0, folder.path(), &["optimise"]);
+    assert!(["flip", "slalom", "landing", "race"].iter().all(|name| page.contains(name)), "{page}");
+}
+
+#[test]
+fn an_optimisation_that_is_not_solved_says_why_exits_with_1_and_writes_where_it_ended() {
+    let folder = temporary();
+    let (page, _) = exits(1, folder.path(), &["optimise", "slalom", "--iterations", "2", "--no-plots"]);
+    assert!(page.contains("FAILED: it ran out of 2 iterations: try --iterations 4"), "{page}");
+    assert!(page.contains("What is written is where the search ended") && !page.contains("Fly it"), "{page}");
+    assert!(size(folder.path(), "out/slalom/trajectory.csv") > 500);
+    let solved = std::fs::read_to_string(folder.path().join("out/slalom/problem.toml")).expect("written");
+    assert!(solved.contains("max_iterations = 2"), "{solved}");
+    // from within an obstacle nothing leads away in time
+    let (landing, _) = exits(0, folder.path(), &["optimise", "landing", "--toml"]);
+    let inside = "\n[[obstacle]]\nposition = [-5.0, 1.0, 4.0]\nradius = 0.5\n\n[settings]\nmax_rounds = 3\n";
+    std::fs::write(folder.path().join("inside.toml"), landing + inside).expect("written");
+    let output = command(folder.path(), &["optimise", "inside.toml", "--no-plots", "--json"]).output().expect("run");
+    let told: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    assert_eq!((output.status.code(), &told["status"]), (Some(1), &serde_json::json!("violated")), "{told}");
+    assert!(told["failure"].as_str().is_some_and(|why| why.contains("stays violated")), "{told}");
+}
+
+#[test]
+fn a_problem_that_is_none_is_refused_by_what_is_wrong_with_it() {
+    let folder = temporary();
+    let (landing, _) = exits(0, folder.path(), &["optimise", "landing", "--toml"]);
+    let gate = |more: &str| format!("{landing}\n[[gate]]\n{more}\n");
+    let with = |from: &str, to: &str| {
+        assert!(landing.contains(from), "{from}");
+        landing.replacen(from, to, 1)
+    };
+    let cases = [
+        (with("steps = 100", "steps = 0"), "steps is 0"),
+        (with("steps = 100", "steps = 1000000000"), "over the limit of 100000"),
+        (with("steps = 100", "steps = -3"), "a whole number from 0"),
+        (with("steps = 100", "stepz = 100"), "Did you mean `steps`?"),
+        (with("dt = 0.025", "dt = 0.0"), "dt is 0"),
+        (with("dt = 0.025", "dt = nan"), "dt is NaN"),
+        (with("[5.0, 0.0, 0.0]", "[inf, 0.0, 0.0]"), "start.velocity[0] is inf"),
+        (with("[0.0, 0.0, 0.1]", "[nan, 0.0, 0.1]"), "goal.position[0] is NaN"),
+        (with("[0.0, 0.0, 0.1]", "[1e300, 0.0, 0.1]"), "cost of the first guess is inf"),
+        (with("\"hummingbird\"", "\"hummingbirb\""), "did you mean 'hummingbird'?"),
+        (with("\"hummingbird\"", "\"none.toml\""), "none.toml"),
+        (with("steps", "bounds = [2.0, 3.0]\nsteps"), "The vehicle has no such inputs"),
+        (with("steps", "bounds = [0.9, 0.1]\nsteps"), "lower ≤ upper"),
+        (with("steps", "bounds = [nan, 0.9]\nsteps"), "lower ≤ upper"),
+        (with("input = 1.0", "input = -1.0"), "≥ 0 and finite"),
+        (with("\"position_z\"", "\"position_zz\""), "did you mean 'position_z'?"),
+        (with("lower = 0.08", "lower = 5.0\nupper = 1.0"), "lower ≤ upper"),
+        (gate("time = 99.0\nposition = [0, 0, 1]"), "within [0, 2.5] s"),
+        (gate("time = 1.0\nposition = [0, 0, 1]\nhalf_size = [0.0, 1.0]"), "half_size is 0"),
+        ("vehicle = ".into(), "bad.toml: line 1"),
+    ];
+    for (text, words) in cases {
+        std::fs::write(folder.path().join("bad.toml"), &text).expect("written");
+        let (out, err) = exits(2, folder.path(), &["optimise", "bad.toml"]);
+        assert!(out.is_empty() && err.contains(words), "{words}: {err}");
+    }
+    for (line, words) in [
+        (&["optimise", "slalon"][..], "did you mean 'slalom'?"),
+        (&["optimise", "missing.toml"], "looked for from"),
+        (&["optimise", "slalom", "--iterations", "0"], "max_iterations is 0"),
+        (&["optimise", "slalom", "--guess", "nowhere"], "[possible values: hover, line]"),
+        (&["optimise", "--replay"], "required arguments"),
+        (&["optimise", "slalom", "--out", "bad.toml/x"], "a folder that can be made"),
+    ] {
+        let (out, err) = exits(2, folder.path(), line);
+        assert!(out.is_empty() && err.contains(words), "{line:?}: {err}");
+    }
+}

@@ -531,6 +531,20 @@ fn help_of_every_command_names_every_option_with_examples_and_exit_codes() {
     for (command, options) in [
         ("fly", [&vehicle[..], &flight, &fly].concat()),
         ("tune", [&vehicle[..], &flight, &tune].concat()),
+        (
+            "optimise",
+            vec![
+                "--iterations",
+                "--guess",
+                "--toml",
+                "--out",
+                "--force",
+                "--format",
+                "--no-plots",
+                "--json",
+                "--replay",
+            ],
+        ),
         ("models", [&vehicle[..], &["--json", "--toml", "--urdf", "--force"]].concat()),
         ("import", [&vehicle[..], &["--draft", "--out", "--to", "--force", "--json"]].concat()),
         ("bench", vec!["--quick", "--threads", "--envs", "--out", "--format", "--no-plots", "--json"]),
@@ -558,7 +572,7 @@ fn help_of_every_command_names_every_option_with_examples_and_exit_codes() {
 fn examples_in_the_help_are_real_commands() {
     let folder = temporary();
     let mut seen = 0;
-    for command in ["fly", "models", "import", "tune", "bench"] {
+    for command in ["fly", "models", "import", "tune", "optimise", "bench"] {
         let (help, _) = exits(0, folder.path(), &[command, "--help"]);
         for line in help.lines().filter_map(|l| l.strip_prefix("  omnidrones ")) {
             let example = line.split("  ").next().unwrap_or(line);

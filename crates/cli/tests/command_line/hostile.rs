@@ -115,6 +115,7 @@ fn sound(command: &str) -> &'static [&'static str] {
             "1",
             "--no-plots",
         ],
+        "optimise" => &["landing", "--iterations", "9", "--no-plots"],
         "watch" | "replay" => &["Hover", "--envs", "1", "--horizon", "3"],
         "view" => &["Hover", "--envs", "1", "--horizon", "3", "--duration", "0.01"],
         "eval" => &["user", "--envs", "2", "--no-plots"],
