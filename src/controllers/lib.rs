@@ -92,7 +92,6 @@ pub mod kinematics;
 #[doc(hidden)]
 pub mod law;
 pub mod linear;
-pub mod optimal;
 pub(crate) mod load_flatness;
 #[doc(hidden)]
 pub mod locked_joints;
@@ -100,6 +99,7 @@ pub(crate) mod low_pass;
 #[doc(hidden)]
 pub mod monte_carlo;
 pub(crate) mod nominal_body;
+pub mod optimal;
 #[doc(hidden)]
 pub mod parameters;
 #[doc(hidden)]

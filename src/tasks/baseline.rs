@@ -122,10 +122,11 @@ impl Baseline {
 
     fn seat(&mut self, env: &Env, environment: usize) -> Result<Seat> {
         let robot = env.robot();
-        let crew = BaselineControllers::of(robot, &env.parameters(environment)?, self.dt, self.named.as_deref()).unwrap_or_else(|error| {
-            self.failures.push((environment, error));
-            BaselineControllers::Nobody
-        });
+        let crew = BaselineControllers::of(robot, &env.parameters(environment)?, self.dt, self.named.as_deref())
+            .unwrap_or_else(|error| {
+                self.failures.push((environment, error));
+                BaselineControllers::Nobody
+            });
         let reference = env.reference(environment)?.unwrap_or(TaskReference::point([0.0; 3], 0.0));
         Ok(Seat { crew, reference, input: robot.hover_input(), step: 0 })
     }

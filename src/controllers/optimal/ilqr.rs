@@ -139,9 +139,13 @@ impl Ilqr {
         self.trajectory.inputs.copy_from_slice(inputs);
         self.trajectory.states[..n].copy_from_slice(problem.start());
         for k in 0..problem.n_stage() {
-            let (states, input) = (&mut self.trajectory.states[k * n..], &mut self.trajectory.inputs[k * m..(k + 1) * m]);
+            let (states, input) =
+                (&mut self.trajectory.states[k * n..], &mut self.trajectory.inputs[k * m..(k + 1) * m]);
             let (lower, upper) = problem.bounds(k);
-            input.iter_mut().zip(lower.iter().zip(upper)).for_each(|(u, (lower, upper))| *u = u.max(*lower).min(*upper));
+            input
+                .iter_mut()
+                .zip(lower.iter().zip(upper))
+                .for_each(|(u, (lower, upper))| *u = u.max(*lower).min(*upper));
             self.expansion.evaluate(problem, k, &states[..n], input);
             states[n..2 * n].copy_from_slice(&self.expansion.work.single_results[..n]);
             if let Some(at) = states[n..2 * n].iter().position(|x| !x.is_finite()) {
@@ -167,7 +171,10 @@ impl Ilqr {
         self.trajectory.states[..n].copy_from_slice(problem.start());
         for (k, input) in self.trajectory.inputs.chunks_exact_mut(m).enumerate() {
             let (lower, upper) = problem.bounds(k);
-            input.iter_mut().zip(lower.iter().zip(upper)).for_each(|(u, (lower, upper))| *u = u.max(*lower).min(*upper));
+            input
+                .iter_mut()
+                .zip(lower.iter().zip(upper))
+                .for_each(|(u, (lower, upper))| *u = u.max(*lower).min(*upper));
         }
         Ok(())
     }
@@ -363,7 +370,10 @@ impl Ilqr {
             }
             solver.add_feedback(k, error, input);
             let (lower, upper) = problem.bounds(k);
-            input.iter_mut().zip(lower.iter().zip(upper)).for_each(|(u, (lower, upper))| *u = u.max(*lower).min(*upper));
+            input
+                .iter_mut()
+                .zip(lower.iter().zip(upper))
+                .for_each(|(u, (lower, upper))| *u = u.max(*lower).min(*upper));
             cost += expansion.evaluate(problem, k, state, input);
             behind.copy_from_slice(&expansion.work.single_results[..n]);
             if alpha < 1.0 {

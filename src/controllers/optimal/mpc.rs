@@ -655,7 +655,10 @@ impl Controller for Mpc {
         let mut notes = vec![Note::new(
             "plans",
             format!("{} of {} ticks", own.ticks - own.kept - own.fallen_back, own.ticks),
-            format!("{per_tick:.1} recursions a tick; the others flew on with the last plan ({}) or the fallback ({})", own.kept, own.fallen_back),
+            format!(
+                "{per_tick:.1} recursions a tick; the others flew on with the last plan ({}) or the fallback ({})",
+                own.kept, own.fallen_back
+            ),
         )];
         if let (Some(median), Some(late)) = (at(0.5), at(0.99)) {
             let value = format!("{:.2} ms", 1e3 * median);

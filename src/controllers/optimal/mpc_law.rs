@@ -8,7 +8,7 @@
 use super::flat_motion::FlatMotion;
 use super::mpc::MpcSettings;
 use super::planned_plant::PlannedPlant;
-use super::problem::{OptimalProblem, OptimalTrajectory};
+use super::problem::OptimalTrajectory;
 use super::real_time::RealTimeIteration;
 use super::sensitivity::SolutionSensitivity;
 use super::tracking_cost::{TrackingCost, TrackingWeights};

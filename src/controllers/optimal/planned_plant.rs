@@ -4,8 +4,8 @@ use super::problem::length;
 use crate::design::ErrorState;
 use autodiff::{Scalar, System, safe};
 use base::error::{Error, Result};
-use dynamics::rotor::LEAST_THRUST;
 use dynamics::plant::RotorPlace;
+use dynamics::rotor::LEAST_THRUST;
 use dynamics::{Disturbance, Plant};
 use serde::{Deserialize, Serialize};
 

@@ -463,13 +463,23 @@ impl ProblemFile {
             }
         };
         for (i, [low, high]) in own.into_iter().enumerate() {
-            if !(low <= high) {
+            if low.is_nan() || high.is_nan() || low > high {
                 let value = format!("[{low}, {high}]");
-                return Err(Error::value(format!("bounds of input {i}"), value, "lower ≤ upper", "Give the smaller first."));
+                return Err(Error::value(
+                    format!("bounds of input {i}"),
+                    value,
+                    "lower ≤ upper",
+                    "Give the smaller first.",
+                ));
             }
             if low > upper[i] || high < lower[i] {
                 let (value, rule) = (format!("[{low}, {high}]"), format!("within [{}, {}]", lower[i], upper[i]));
-                return Err(Error::value(format!("bounds of input {i}"), value, rule, "The vehicle has no such inputs."));
+                return Err(Error::value(
+                    format!("bounds of input {i}"),
+                    value,
+                    rule,
+                    "The vehicle has no such inputs.",
+                ));
             }
             (lower[i], upper[i]) = (low.max(lower[i]), high.min(upper[i]));
         }
@@ -517,7 +527,7 @@ impl PoseInFile {
             }
             (Some(q), None) => {
                 let norm = q.iter().map(|x| x * x).sum::<f64>().sqrt();
-                if !((norm - 1.0).abs() <= 1e-6) {
+                if norm.is_nan() || (norm - 1.0).abs() > 1e-6 {
                     let remedy = "Divide it by its norm.";
                     return Err(Error::value(format!("{what}.attitude: norm"), norm, "1 to 1e-6", remedy));
                 }

@@ -13,7 +13,6 @@ use super::interior_point::Barriers;
 use super::stage_qp::{Blocks, Sizes, StageQp};
 use super::stage_sweeps::{Factors, costates, factorise, feed_forward, roll_out, slopes, step};
 use base::defaults::with_defaults;
-use base::error::{Error, Result};
 use nalgebra::DMatrix;
 
 /// A free input may be beyond a bound by this share of 1 + |bound|: it is rounding, and put back.
@@ -154,9 +153,9 @@ impl QpSolver {
         self.z.of_mut(0)[first..first + n].copy_from_slice(start);
         let mut report =
             QpReport { status: QpStatus::Stopped, iterations: 0, interior: 0, factorised: 0, residual: f64::INFINITY };
-        let end = self.by_sets(qp, settings, &mut report).and_then(|is_solved| {
-            if is_solved { Ok(true) } else { self.by_barriers(qp, settings, &mut report) }
-        });
+        let end = self
+            .by_sets(qp, settings, &mut report)
+            .and_then(|is_solved| if is_solved { Ok(true) } else { self.by_barriers(qp, settings, &mut report) });
         match end {
             Err(status) => {
                 self.within(qp);
@@ -223,12 +222,7 @@ impl QpSolver {
     }
 
     /// The solution for the sets that stand, and how they change.
-    fn set_step(
-        &mut self,
-        qp: &StageQp,
-        last: usize,
-        report: &mut QpReport,
-    ) -> std::result::Result<SetStep, Failure> {
+    fn set_step(&mut self, qp: &StageQp, last: usize, report: &mut QpReport) -> std::result::Result<SetStep, Failure> {
         self.prepare(qp, true);
         report.iterations += 1;
         report.factorised += last + 1;
@@ -350,7 +344,13 @@ impl QpSolver {
             let (z, passed) = (self.z.of(k + 1), self.passed.of_mut(k + 1));
             for bound in &qp.soft[k] {
                 let (own, x) = (&mut passed[first + bound.state], z[first + bound.state]);
-                let now = if x > bound.upper { 1.0 } else if x < bound.lower { -1.0 } else { 0.0 };
+                let now = if x > bound.upper {
+                    1.0
+                } else if x < bound.lower {
+                    -1.0
+                } else {
+                    0.0
+                };
                 if now != *own {
                     // it is in P of its stage, hence in all before it
                     *own = now;
@@ -405,7 +405,7 @@ impl QpSolver {
             self.barriers.keep_second_order(true);
             let longest = self.aim(qp, left.powi(3) * mu);
             let share = Barriers::taken(longest);
-            if !(share > 1e-10) || !mu.is_finite() {
+            if share.is_nan() || share <= 1e-10 || !mu.is_finite() {
                 break;
             }
             self.go(share, stages);
@@ -617,7 +617,6 @@ impl QpSolver {
         sum
     }
 }
-
 
 #[cfg(test)]
 mod tests;

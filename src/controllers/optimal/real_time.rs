@@ -61,14 +61,11 @@ impl RealTimeIteration {
     /// [`Error::Value`](base::error::Error::Value) for another length; [`Error::Limit`](base::error::Error::Limit) for more than 1024 states
     /// and inputs.
     pub fn new(problem: OptimalProblem, inputs: &[f64]) -> Result<Self> {
-        let (n, m, stages) = (problem.model().n_state(), problem.model().n_input(), problem.n_stage());
+        let (m, stages) = (problem.model().n_input(), problem.n_stage());
         length("inputs", inputs.len(), m)?;
         let expansion = StageExpansion::new(&problem)?;
         let n_error = problem.model().errors.n_error();
-        let plan = OptimalTrajectory {
-            states: problem.start().repeat(stages + 1),
-            inputs: inputs.repeat(stages),
-        };
+        let plan = OptimalTrajectory { states: problem.start().repeat(stages + 1), inputs: inputs.repeat(stages) };
         Ok(Self {
             solver: QpSolver::new(&expansion.qp),
             error: vec![0.0; n_error],

@@ -95,7 +95,12 @@ impl SolutionSensitivity {
     fn checked(&mut self) -> Result<()> {
         self.solver.solve_held(&self.expansion.qp).map_err(|status| {
             let remedy = "It is no strict minimum: weigh every input.";
-            Error::value("curvature at the solution", format!("{status:?}"), "positive on what the dynamics allow", remedy)
+            Error::value(
+                "curvature at the solution",
+                format!("{status:?}"),
+                "positive on what the dynamics allow",
+                remedy,
+            )
         })
     }
 

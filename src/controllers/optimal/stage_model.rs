@@ -211,8 +211,7 @@ impl StageModel {
     /// x⁺, ℓ and conditions of `work.single` into `work.single_results`; of the end ℓ and conditions.
     pub(super) fn evaluate(&self, work: &mut StageWork, is_end: bool) {
         let n_argument = self.lengths.n_argument(is_end);
-        let (program, workspace) =
-            if is_end { (&self.end, &mut work.end) } else { (&self.forward, &mut work.forward) };
+        let (program, workspace) = if is_end { (&self.end, &mut work.end) } else { (&self.forward, &mut work.forward) };
         let results = &mut work.single_results[..program.n_output()];
         program.evaluate(workspace, &work.single[..n_argument], results);
     }
@@ -290,7 +289,11 @@ impl<F: System, C: OptimalCost> Stage<'_, F, C> {
     fn terms(&self, state: &[Trace], input: &[Trace], parameters: &[Trace], is_end: bool) -> Terms<Trace> {
         let mut terms = Terms::none();
         let now = StageInput { state, input, parameters: &parameters[self.system.n_parameter()..] };
-        if is_end { self.cost.terminal(now, &mut terms) } else { self.cost.stage(now, &mut terms) }
+        if is_end {
+            self.cost.terminal(now, &mut terms)
+        } else {
+            self.cost.stage(now, &mut terms)
+        }
         terms
     }
 
@@ -313,8 +316,7 @@ impl<F: System, C: OptimalCost> Stage<'_, F, C> {
     fn forward(&self, lengths: &Lengths, is_end: bool) -> Recording {
         Recording::of(lengths.n_argument(is_end), |z| {
             let z = Numbers::cut(z, lengths, is_end);
-            let mut results =
-                if is_end { Vec::new() } else { self.next(z.state, z.input, z.parameters) };
+            let mut results = if is_end { Vec::new() } else { self.next(z.state, z.input, z.parameters) };
             results.extend(self.valued(&z, is_end));
             results
         })
@@ -381,11 +383,8 @@ impl<F: System, C: OptimalCost> Stage<'_, F, C> {
             let (z, costates) = z.split_at(n_own);
             let z = Numbers::cut(z, lengths, is_end);
             let mut sum = self.valued(&z, is_end)[0];
-            let next = if is_end {
-                Vec::new()
-            } else {
-                errors_of(self.errors, &self.next(z.state, z.input, z.parameters))
-            };
+            let next =
+                if is_end { Vec::new() } else { errors_of(self.errors, &self.next(z.state, z.input, z.parameters)) };
             sum = next.iter().zip(costates).fold(sum, |sum, (e, costate)| sum + *e * *costate);
             [vec![sum], next].concat()
         })

@@ -5,6 +5,9 @@
 //! Pₖ in the corner of the states (R̃, S̃ of M; Rawlings, Mayne and Diehl 2017, section 8.8). Inputs that are held are left out, as if
 //! they were constants.
 
+// closures cost lanes their instructions
+#![allow(clippy::manual_map)]
+
 use super::stage_qp::{Blocks, Sizes, StageQp};
 use autodiff::lanes::{Kernel, Lanes, dispatch};
 
@@ -91,14 +94,7 @@ impl Product {
 
     /// Of `rows` rows, a multiple of eight, and `J` columns.
     #[inline(always)]
-    fn strip<L: Lanes, const J: usize>(
-        self,
-        rows: usize,
-        a: &[f64],
-        b: &[f64],
-        start: Option<&[f64]>,
-        c: &mut [f64],
-    ) {
+    fn strip<L: Lanes, const J: usize>(self, rows: usize, a: &[f64], b: &[f64], start: Option<&[f64]>, c: &mut [f64]) {
         let mut row = 0;
         while row < rows {
             let left = (rows - row) / L::WIDE;
@@ -120,15 +116,7 @@ impl Product {
     }
 
     #[inline(always)]
-    fn columns<L: Lanes>(
-        self,
-        rows: usize,
-        n: usize,
-        a: &[f64],
-        b: &[f64],
-        start: Option<&[f64]>,
-        c: &mut [f64],
-    ) {
+    fn columns<L: Lanes>(self, rows: usize, n: usize, a: &[f64], b: &[f64], start: Option<&[f64]>, c: &mut [f64]) {
         let mut j = 0;
         while j < n {
             let from = match start {
@@ -171,11 +159,7 @@ fn add_product<L: Lanes>(a: &[f64], lda: usize, x: &[f64], y: &mut [f64]) {
 }
 
 /// Factorises stages `last` to 0; those behind are as they were left. The number of the stage where a pivot is not positive.
-pub(super) fn factorise(
-    qp: &StageQp,
-    factors: &mut Factors,
-    last: usize,
-) -> std::result::Result<(), usize> {
+pub(super) fn factorise(qp: &StageQp, factors: &mut Factors, last: usize) -> std::result::Result<(), usize> {
     dispatch(Factorise { qp, factors, last })
 }
 

@@ -127,7 +127,10 @@ enum Rest {
     Joint,
     JointRate,
     /// At this number of the state, steered by this input.
-    RotorSpeed { at: usize, input: usize },
+    RotorSpeed {
+        at: usize,
+        input: usize,
+    },
 }
 
 impl TrackingCost {

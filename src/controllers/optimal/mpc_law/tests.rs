@@ -73,7 +73,8 @@ fn weights_tuned_by_gradients_track_better_where_they_were_not_tuned() {
     let held_out = [along(&system, &lemniscate(1.6), 60), along(&system, &circle, 60)];
     let mut weights = system.parameters();
     let rollout = Rollout::new(system, Distance).unwrap();
-    let judged = |weights: &[f64]| held_out.each_ref().map(|(start, inputs)| rollout.gradient(start, inputs, weights).0);
+    let judged =
+        |weights: &[f64]| held_out.each_ref().map(|(start, inputs)| rollout.gradient(start, inputs, weights).0);
     let (before, mut costs) = (judged(&weights), Vec::new());
     for _ in 0..4 {
         let (cost, gradient) = rollout.gradient(&tuned_on.0, &tuned_on.1, &weights);

@@ -27,7 +27,8 @@ fn problem() -> (OptimalProblem, Vec<f64>) {
     let mut row = vec![0.0; problem.model().n_parameter()];
     let first = planned.n_parameter();
     for k in 0..=12 {
-        let own = Kinematics { velocity: [0.1 * k as f64, 0.0, 0.0], ..Kinematics::at_rest([0.05 * k as f64, 0.0, 0.0]) };
+        let own =
+            Kinematics { velocity: [0.1 * k as f64, 0.0, 0.0], ..Kinematics::at_rest([0.05 * k as f64, 0.0, 0.0]) };
         row[3..6].copy_from_slice(&[0.3, -0.2, 0.1]);
         cost.write_parameters(&own, &inputs, &TrackingWeights::default(), &mut row[first..]);
         problem.set_parameters(k, &row).unwrap();
