@@ -30,7 +30,7 @@ Examples:
 
 Files in --out: trajectory.csv (time, state and inputs, units in the header; inputs hold until the next line), reference.toml (what \
 'fly --reference' tracks: path and yaw), gains.npz (for NumPy: states, inputs and the gains K of every stage, u = u* + \
-K e, with e the error of the state, whose attitude is a rotation vector), problem.toml (the problem as it was solved), path, trajectory \
+K e, with e the error of the state, whose attitude is a rotation vector; speeds of rotors are shares of their largest there), problem.toml (the problem as it was solved), path, trajectory \
 and descent (.png or .svg), and with --replay replay.html. They are written too where the search ends without a solution.
 
 The reference asks for a path and a heading, and a flight along it begins at rest: a flip over the back is not tracked by it, and a plan \

@@ -114,14 +114,23 @@ impl<'a> Planned<'a> {
         }
     }
 
-    /// Writes tables of states, inputs and gains.
+    /// Writes tables of states, inputs and gains. The table has the state of the plant; gains stand beside the states that they multiply
+    /// errors of.
     pub fn write(&self, outputs: &mut Outputs) -> Result<()> {
-        let (time, states, inputs) = (self.times(), self.state_columns(), self.input_columns());
-        let header = ["time [s]".to_string()].into_iter().chain(states.iter().cloned()).chain(inputs.iter().cloned());
-        let header: Vec<String> = header.collect();
-        let (n, m) = (states.len(), inputs.len());
+        let (time, inputs) = (self.times(), self.input_columns());
+        let whole: Vec<String> = self
+            .problem
+            .plant
+            .plant()
+            .state_quantities()
+            .iter()
+            .map(|own| format!("{} [{}]", own.name, own.unit))
+            .collect();
+        let header: Vec<String> =
+            ["time [s]".to_string()].into_iter().chain(whole.iter().chain(&inputs).cloned()).collect();
+        let (n, m) = (whole.len(), inputs.len());
         let row = |k: usize| {
-            let state = &self.trajectory.states[k * n..(k + 1) * n];
+            let state = &self.states[k * n..(k + 1) * n];
             let input = self.trajectory.inputs.get(k * m..(k + 1) * m).unwrap_or(&[]);
             let mut row: Vec<String> =
                 std::iter::once(&time[k]).chain(state).chain(input).map(f64::to_string).collect();
@@ -129,15 +138,15 @@ impl<'a> Planned<'a> {
             row
         };
         outputs.put("trajectory.csv", |path| files::write_table(path, header.clone(), (0..time.len()).map(row)))?;
-        let errors = self.error_names()?;
+        let (states, errors) = (self.state_columns(), self.error_names()?);
         outputs.put("gains.npz", |path| {
             Npz::write(path, |npz| {
                 let stages = time.len() - 1;
                 npz.numbers("time", &[stages + 1], &time)?;
-                npz.numbers("states", &[stages + 1, n], &self.trajectory.states)?;
+                npz.numbers("states", &[stages + 1, states.len()], &self.trajectory.states)?;
                 npz.numbers("inputs", &[stages, m], &self.trajectory.inputs)?;
                 npz.numbers("gains", &[stages, m, errors.len()], &self.gains)?;
-                npz.texts("state_columns", &[n], &states)?;
+                npz.texts("state_columns", &[states.len()], &states)?;
                 npz.texts("input_columns", &[m], &inputs)?;
                 npz.texts("error_columns", &[errors.len()], &errors)
             })
@@ -149,10 +158,16 @@ impl<'a> Planned<'a> {
         (0..=self.source.file.steps).map(|k| k as f64 * self.source.file.dt).collect()
     }
 
-    /// Names and units.
+    /// Names and units of the states that are planned: speeds of rotors are shares of their largest.
     fn state_columns(&self) -> Vec<String> {
-        let (plant, all) = (&self.problem.plant, self.problem.plant.plant().state_quantities());
-        plant.kept().iter().map(|k| format!("{} [{}]", all[*k].name, all[*k].unit)).collect()
+        self.planned_names().into_iter().map(|(name, unit)| format!("{name} [{unit}]")).collect()
+    }
+
+    fn planned_names(&self) -> Vec<(String, &'static str)> {
+        let plant = &self.problem.plant;
+        let (all, rotors) = (plant.plant().state_quantities(), plant.plant().rotor_places());
+        let unit = |k: usize| if rotors.iter().any(|rotor| rotor.speed == k) { "-" } else { all[k].unit };
+        plant.kept().iter().map(|k| (all[*k].name.clone(), unit(*k))).collect()
     }
 
     fn input_columns(&self) -> Vec<String> {
@@ -161,18 +176,16 @@ impl<'a> Planned<'a> {
 
     /// Of the errors that gains multiply: a rotation vector stands where its quaternion did.
     fn error_names(&self) -> Result<Vec<String>> {
-        let plant = &self.problem.plant;
-        let (errors, all) = (plant.errors()?, plant.plant().state_quantities());
-        let mut names = Vec::new();
-        let mut at = 0;
-        while at < plant.kept().len() {
-            let own = &all[plant.kept()[at]];
+        let (errors, all) = (self.problem.plant.errors()?, self.planned_names());
+        let (mut names, mut at) = (Vec::new(), 0);
+        while at < all.len() {
+            let (name, unit) = &all[at];
             if errors.turns_at(at) {
-                let stem = own.name.trim_end_matches("_w");
+                let stem = name.trim_end_matches("_w");
                 names.extend(["x", "y", "z"].map(|axis| format!("{stem}_{axis} [rad]")));
                 at += 4;
             } else {
-                names.push(format!("{} [{}]", own.name, own.unit));
+                names.push(format!("{name} [{unit}]"));
                 at += 1;
             }
         }
