@@ -33,6 +33,16 @@ fn problems_that_are_built_in_are_solved_from_flights_and_from_lines_that_nobody
     }
 }
 
+#[test]
+fn the_flip_turns_once_over() {
+    let (search, _) = solved(&ProblemFile::by_name("flip").unwrap(), FirstGuess::Line);
+    let attitudes: Vec<&[f64]> = search.trajectory().states.chunks_exact(17).map(|x| &x[6..10]).collect();
+    let upright = attitudes.iter().map(|q| 1.0 - 2.0 * (q[1] * q[1] + q[2] * q[2])).fold(1.0, f64::min);
+    assert!(upright < -0.99, "{upright}");
+    // the quaternion ends with the other sign: half of its full turn
+    assert!(attitudes[0][0] * attitudes[attitudes.len() - 1][0] < -0.99);
+}
+
 /// The problem of `crates/bench/rivals/problems/hummingbird_speed_equal_lags.toml`; its optimum is that of CasADi with IPOPT and of Newton's
 /// method on the active set, both with a model of their own, to 1e-13.
 #[test]
