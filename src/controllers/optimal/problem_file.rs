@@ -58,14 +58,14 @@ const BUILT_IN: [(&str, &str, &str); 4] = [
 /// One number for all axes, or one each.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
-pub enum PerAxis {
+pub enum AxisWeights {
     /// For all.
     All(f64),
     /// For x, y, z.
     Each([f64; 3]),
 }
 
-impl PerAxis {
+impl AxisWeights {
     fn numbers(self) -> [f64; 3] {
         match self {
             Self::All(x) => [x; 3],
@@ -95,13 +95,13 @@ pub struct PoseInFile {
 #[serde(deny_unknown_fields, default)]
 pub struct WeightsInFile {
     /// 1/m².
-    pub position: Option<PerAxis>,
+    pub position: Option<AxisWeights>,
     /// s²/m².
-    pub velocity: Option<PerAxis>,
+    pub velocity: Option<AxisWeights>,
     /// 1/rad².
-    pub attitude: Option<PerAxis>,
+    pub attitude: Option<AxisWeights>,
     /// s²/rad².
-    pub angular_velocity: Option<PerAxis>,
+    pub angular_velocity: Option<AxisWeights>,
     /// 1/rad² or 1/m².
     pub joint: f64,
     /// Of its rate.
@@ -554,7 +554,7 @@ impl PoseInFile {
 impl WeightsInFile {
     /// As [`TrackingWeights`], whose weight of inputs is of shares of their range: `scale` is the range squared.
     fn weights(&self, what: &str, scale: f64) -> Result<TrackingWeights> {
-        let of = |own: Option<PerAxis>| own.map_or([0.0; 3], PerAxis::numbers);
+        let of = |own: Option<AxisWeights>| own.map_or([0.0; 3], AxisWeights::numbers);
         let own = TrackingWeights {
             position: of(self.position),
             velocity: of(self.velocity),
