@@ -29,6 +29,7 @@
 //! | `course`: [`CourseCost`], [`CourseGate`], [`CourseObstacle`] | gates and obstacles |
 //! | `problem_file`: [`ProblemFile`], [`CourseProblem`] | problems as TOML, some of them built in |
 //! | `mpc`: [`Mpc`], [`MpcSettings`] | model predictive control as a controller |
+//! | `linear_mpc`: [`LinearMpc`] | its feedback about hover, with poles and margins |
 //! | `mpc_law`: [`MpcLaw`] | the same as a law, for gradients through closed loops |
 //!
 //! A pendulum is swung up within its torque:
@@ -83,6 +84,8 @@ mod flat_motion;
 pub mod ilqr;
 mod interior_point;
 #[doc(hidden)]
+pub mod linear_mpc;
+#[doc(hidden)]
 pub mod mpc;
 #[doc(hidden)]
 pub mod mpc_law;
@@ -110,6 +113,7 @@ pub mod tracking_cost;
 pub use cost::{OptimalCost, StageInput, Terms};
 pub use course::{CourseCost, CourseGate, CourseObstacle};
 pub use ilqr::{Ilqr, IlqrIteration, IlqrReport, IlqrSettings, IlqrStatus};
+pub use linear_mpc::LinearMpc;
 pub use mpc::{Mpc, MpcSettings, MpcStatistics, StateBound};
 pub use mpc_law::MpcLaw;
 pub use planned_plant::{PlannedInput, PlannedPlant};

@@ -215,6 +215,21 @@ impl Mpc {
         &self.iteration
     }
 
+    /// What it believes to fly, step by step, with disturbances.
+    pub(super) fn believed(&self) -> &Plant {
+        &self.believed
+    }
+
+    /// What it costs to be off the reference.
+    pub(super) fn cost(&self) -> &TrackingCost {
+        &self.cost
+    }
+
+    /// Of a tick, s.
+    pub fn period(&self) -> f64 {
+        self.period
+    }
+
     /// What it has done since it was reset.
     pub fn statistics(&self) -> &MpcStatistics {
         &self.statistics
@@ -441,7 +456,7 @@ impl MpcSettings {
 }
 
 /// The same model under other physics, its root pushed from outside: that is where the estimate is made.
-fn with_disturbance(plant: &Plant, physics: Physics) -> Result<Plant> {
+pub(super) fn with_disturbance(plant: &Plant, physics: Physics) -> Result<Plant> {
     let physics = Physics { effects: Effects { disturbance: true, contact: false, ..physics.effects }, ..physics };
     match plant {
         Plant::Rigid(m) => Plant::of_vehicle(m.vehicle(), physics),

@@ -108,6 +108,12 @@ impl RealTimeIteration {
         Ok(())
     }
 
+    /// Begins with a plan that rests at a state under these inputs.
+    pub(super) fn begin_at_rest(&mut self, state: &[f64], inputs: &[f64]) -> Result<()> {
+        let stages = self.problem.n_stage();
+        self.begin_with(&OptimalTrajectory { states: state.repeat(stages + 1), inputs: inputs.repeat(stages) })
+    }
+
     /// Carries the plan on by a share of a stage, 0 to 1: states and inputs between those of two stages, the last ones kept.
     pub fn carry_on(&mut self, share: f64) {
         let (n, m) = (self.problem.model().n_state(), self.problem.model().n_input());
