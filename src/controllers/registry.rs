@@ -28,12 +28,14 @@ pub struct Setup<'a> {
     pub rates: &'a Rates,
     /// A drone of the plant, where its loops are to be as swift as short episodes need: twice as fast as the derived ones.
     pub swift: Option<&'a Vehicle>,
+    /// How `mpc` plans; without, as suits the plant.
+    pub mpc: Option<&'a MpcSettings>,
 }
 
 impl<'a> Setup<'a> {
     /// With given gains or derived ones.
     pub fn new(gains: Option<&'a Gains>, rates: &'a Rates) -> Self {
-        Self { gains, rates, swift: None }
+        Self { gains, rates, swift: None, mpc: None }
     }
 }
 
@@ -215,7 +217,7 @@ pub const REGISTRY: [ControllerEntry; 11] = [
         suits: |plant| plant.tree().is_none_or(|m| free(m.model()).is_ok() && !m.model().rotors().is_empty()),
         may_fail: false,
         build: |plant, setup| {
-            let settings = MpcSettings::for_plant(plant);
+            let settings = setup.mpc.cloned().unwrap_or_else(|| MpcSettings::for_plant(plant));
             let fallback = default_controller(plant, setup)?;
             Ok(Box::new(Mpc::new(plant, &settings)?.with_fallback(fallback)))
         },

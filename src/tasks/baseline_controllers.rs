@@ -42,7 +42,8 @@ impl BaselineControllers {
             }
             Plant::Tree(m) => {
                 let known = Plant::of_model(&with_numbers(m.model(), numbers)?, *m.physics())?;
-                let setup = Setup { gains: None, rates: &Rates::every_step(dt), swift: robot.vehicle.as_ref() };
+                let rates = Rates::every_step(dt);
+                let setup = Setup { swift: robot.vehicle.as_ref(), ..Setup::new(None, &rates) };
                 default_controller(&known, &setup).map(Self::Joined)
             }
         }
@@ -53,7 +54,8 @@ impl BaselineControllers {
             Plant::Rigid(m) => Plant::of_vehicle(&vehicle_of(m.vehicle(), numbers)?, *m.physics())?,
             Plant::Tree(m) => Plant::of_model(&with_numbers(m.model(), numbers)?, *m.physics())?,
         };
-        let setup = Setup { gains: None, rates: &Rates::every_step(dt), swift: robot.vehicle.as_ref() };
+        let rates = Rates::every_step(dt);
+        let setup = Setup { swift: robot.vehicle.as_ref(), ..Setup::new(None, &rates) };
         controller(name, &known, &setup).map(Self::Joined)
     }
 

@@ -413,7 +413,7 @@ pub fn check_gains(flight: &FlightArguments, controller: Option<&str>, rigid: bo
 
 /// Whether a controller of rigid vehicles has no gains of levels.
 pub fn is_optimal(name: &str) -> bool {
-    ["lqr", "lqi"].contains(&name)
+    ["lqr", "lqi", "mpc"].contains(&name)
 }
 
 /// A reference of a name or in a file, checked.

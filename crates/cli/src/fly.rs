@@ -18,6 +18,7 @@ use super::robot::{self, Robot};
 use super::source::{self, Source};
 use crate::prelude::*;
 use omnidrones::controllers::flight_check::lowest_point;
+use omnidrones::controllers::optimal::MpcSettings;
 use omnidrones::controllers::reference::Lemniscate;
 use omnidrones::controllers::registry::{controller, steerable};
 use omnidrones::controllers::{
@@ -119,9 +120,25 @@ pub struct Arguments {
     /// Physics are those of the vehicle itself, without the motor lag and damping of the benchmark's tasks.
     #[arg(long, value_name = "RUN", conflicts_with_all = ["gains", "drop"], help_heading = "Flight")]
     policy: Option<PathBuf>,
-    /// Who flies: a name of the table of controllers, as cascade, fault_tolerant, lqr, lqi [default: by its make]
+    /// Who flies: a name of the table of controllers, as cascade, fault_tolerant, lqr, lqi, mpc [default: by its make]
     #[arg(long, value_name = "NAME", conflicts_with_all = ["policy", "drop"], help_heading = "Controller")]
     controller: Option<String>,
+    /// How --controller mpc plans: a file of its settings, each with a default
+    ///
+    ///   stages = 20                        # of the horizon
+    ///   stage = 0.05                       # s each
+    ///   rate = 100.0                       # plans per second, at most
+    ///   iterations = 1                     # programs per plan
+    ///   estimate = 10.0                    # rate of the disturbance estimate, 1/s; 0 for none
+    ///   latency = 0                        # steps by which it is told that commands act late
+    ///   [weights]                          # position, velocity, attitude, angular_velocity per axis; joint, joint_rate, input
+    ///   position = [600, 600, 1500]
+    ///   [[state_bounds]]                   # what costs beyond
+    ///   state = "velocity_x"
+    ///   range = [-2, 2]
+    ///   weight = 1000
+    #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["policy", "drop"], help_heading = "Controller", verbatim_doc_comment)]
+    mpc: Option<PathBuf>,
     /// Drop it from this height above the ground instead, rotors idle [default: 1]
     ///
     /// Bodies touch the ground at z = 0 and what is not joined to them. --seed disturbs the start a little.
@@ -346,7 +363,10 @@ fn vehicle(a: &Arguments, around: Option<Around>) -> Result<Flyer> {
     let mut warnings = Vec::new();
     let controller = match policy(a, &believed, &mut warnings)? {
         Some(policy) => policy,
-        None => controller(name, &believed, &Setup::new(Some(&gains), &plan.rates))?,
+        None => {
+            let mpc = mpc_settings(a, name)?;
+            controller(name, &believed, &Setup { mpc: mpc.as_ref(), ..Setup::new(Some(&gains), &plan.rates) })?
+        }
     };
     let what = What::Vehicle { source: Box::new(source), gains, gains_name };
     Ok(Flyer { plant, controller, plan, what, around, warnings })
@@ -438,12 +458,17 @@ fn model_controller(
     warnings: &mut Vec<String>,
 ) -> Result<Box<dyn Controller>> {
     let gains = a.flight.own_gains()?;
+    if a.controller.is_none() {
+        mpc_settings(a, "that suits the plant")?;
+    }
     if let Some(policy) = policy(a, plant, warnings)? {
         a.level()?;
         return Ok(policy);
     }
     if let Some(name) = &a.controller {
-        let own = controller(name, plant, &Setup::new(gains.as_ref(), &plan.rates))?;
+        let mpc = mpc_settings(a, name)?;
+        let setup = Setup { mpc: mpc.as_ref(), ..Setup::new(gains.as_ref(), &plan.rates) };
+        let own = controller(name, plant, &setup)?;
         if a.shape.is_some() || !own.holds_tilt() {
             a.level()?;
         }
@@ -463,6 +488,16 @@ fn model_controller(
             Ok(own)
         }
     }
+}
+
+/// The settings of --mpc, which are of that controller alone.
+fn mpc_settings(a: &Arguments, controller: &str) -> Result<Option<MpcSettings>> {
+    let Some(path) = &a.mpc else { return Ok(None) };
+    if controller != "mpc" {
+        let value = format!("given with controller '{controller}'");
+        return Err(Error::value("--mpc", value, "given with --controller mpc", "Leave one of both out, or add it."));
+    }
+    files::read_toml(path).map(Some)
 }
 
 /// Refuses effects that need more than one rigid vehicle.
