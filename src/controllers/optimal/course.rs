@@ -11,11 +11,11 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CourseGate {
-    /// When, s.
+    /// When, s: at the stage nearest to it.
     pub time: f64,
     /// Its middle, world, m.
     pub position: [f64; 3],
-    /// Heading in which it is passed, rad; the opening stands across it.
+    /// Heading that the opening stands across, rad; it may be passed either way.
     #[serde(default)]
     pub yaw: f64,
     /// Half of its width and of its height, less half of what flies, m.

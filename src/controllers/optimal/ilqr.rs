@@ -95,7 +95,7 @@ const ENOUGH: f64 = 0.05;
 /// Regularisation at first and at most, as shares of the largest curvature by an input.
 const REGULARISATION: [f64; 2] = [1e-8, 1e8];
 
-/// A search for trajectories of one problem's sizes; made once, reused without allocation.
+/// A search for trajectories of problems of one [`StageModel`](super::StageModel) and length; for another it panics.
 #[derive(Debug, Clone)]
 pub struct Ilqr {
     expansion: StageExpansion,
@@ -261,7 +261,7 @@ impl Ilqr {
                 let report = self.solver.solve(qp, &start, &qp_settings);
                 match report.status {
                     QpStatus::Solved | QpStatus::Stopped => {
-                        let expected = self.solver.cost(qp);
+                        let expected = self.solver.change(qp);
                         break (report, expected, self.solver.slope(qp));
                     }
                     QpStatus::NotFinite => {
@@ -301,7 +301,9 @@ impl Ilqr {
             let (mut alpha, mut taken) = (1.0, None);
             while alpha >= SHORTEST {
                 let found = self.roll_out(problem, alpha);
-                let gained = alpha * slope + alpha * alpha * (expected - slope) - weight_of_gaps * alpha * gap;
+                // where soft bounds bend the cost, the slope alone is sure
+                let bent = alpha * slope + alpha * alpha * (expected - slope);
+                let gained = if bent < 0.0 { bent } else { alpha * slope } - weight_of_gaps * alpha * gap;
                 let rounding = 1e-14 * (1.0 + merit.abs());
                 let own = found + weight_of_gaps * (1.0 - alpha) * gap;
                 if own.is_finite() && own - merit <= ENOUGH * gained + rounding && gained < 0.0 {

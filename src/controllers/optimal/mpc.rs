@@ -17,12 +17,11 @@
 
 use super::flat_motion::FlatMotion;
 use super::planned_plant::{PlannedInput, PlannedPlant};
-use super::problem::OptimalProblem;
+use super::problem::{OptimalProblem, length};
 use super::real_time::{RealTimeIteration, TickReport};
 use super::stage_model::StageModel;
 use super::stage_qp::SoftBound;
 use super::tracking_cost::{TrackingCost, TrackingWeights};
-use crate::cascade::{RateDivisors, Rates};
 use crate::closed_loop::check_latency;
 use crate::controller::{Controller, Measurement, Note, Target};
 use crate::design::riccati;
@@ -42,6 +41,9 @@ use std::time::Instant;
 /// Ticks in a row that fly on with an old plan.
 const PATIENCE: u64 = 10;
 
+/// Share of its thrust that a lost rotor counts as keeping.
+const STOPPED: f64 = 1e-6;
+
 /// Programs of the first tick, and after plans were lost.
 const FIRST_ITERATIONS: usize = 15;
 
@@ -53,7 +55,7 @@ pub struct StateBound {
     pub state: String,
     /// Least and largest value that cost nothing.
     pub range: [f64; 2],
-    /// Of the square beyond.
+    /// Of the square beyond, in every stage.
     pub weight: f64,
 }
 
@@ -112,8 +114,9 @@ const MAX_TIMES: usize = 1_000_000;
 /// Model predictive control as a [`Controller`].
 pub struct Mpc {
     settings: MpcSettings,
-    /// What it believes to fly, step by step, with disturbances.
+    /// What it believes to fly, step by step, with disturbances; with the rotors that it was told of, and with all of them.
     believed: Plant,
+    whole: Plant,
     planned: PlannedPlant,
     cost: TrackingCost,
     flat: FlatMotion,
@@ -181,6 +184,7 @@ impl Mpc {
             step: 0,
             failed: 0,
             is_fresh: true,
+            whole: believed.clone(),
             believed,
             planned,
             cost,
@@ -316,6 +320,9 @@ impl Mpc {
 
     /// One tick: plans, and leaves the commands.
     fn plan(&mut self, seen: &Measurement<'_>, target: Target<'_>) -> Result<()> {
+        if !self.is_fresh {
+            self.iteration.carry_on((self.period / self.settings.stage).min(1.0));
+        }
         let late = self.settings.latency as f64 * self.believed.physics().dt;
         let ahead = self.when_commands_act(seen.state);
         let state = self.planned.state_of(&ahead)?;
@@ -324,8 +331,6 @@ impl Mpc {
         self.aim(target, time, [state[6], state[7], state[8], state[9]])?;
         if self.is_fresh {
             self.begin_at_reference(target, time, &state)?;
-        } else {
-            self.iteration.carry_on((self.period / self.settings.stage).min(1.0));
         }
         let iterations = if self.is_fresh { FIRST_ITERATIONS } else { self.settings.iterations };
         let report = self.iteration.tick(&state, iterations, 1e-9);
@@ -343,11 +348,10 @@ impl Mpc {
     fn command(&mut self) {
         let inputs = self.iteration.input(0).to_vec();
         self.planned.write_commands(&inputs, &mut self.commands);
-        for (i, rotor) in self.believed.rotor_places().iter().enumerate() {
-            let left = self.effectiveness[i];
-            if left < 1.0 {
+        for (rotor, left) in self.believed.rotor_places().iter().zip(&self.effectiveness) {
+            if *left < 1.0 {
                 // a weak rotor turns slower at the same command
-                let share = 0.5 * (self.commands[rotor.action] + 1.0) / left.max(1e-6);
+                let share = 0.5 * (self.commands[rotor.action] + 1.0) / left.max(STOPPED);
                 self.commands[rotor.action] = 2.0 * share.clamp(0.0, 1.0) - 1.0;
             }
         }
@@ -416,8 +420,16 @@ impl MpcSettings {
     }
 
     /// Steps of the plant between two ticks.
+    ///
+    /// # Errors
+    /// [`Error::Value`] where they are further apart than a stage is long.
     pub(super) fn ticks_every(&self, dt: f64) -> Result<u64> {
-        ticks_every(self.rate, dt)
+        let every = ticks_every(self.rate, dt);
+        if every as f64 * dt <= self.stage * (1.0 + 1e-9) {
+            return Ok(every);
+        }
+        let (value, rule) = (every as f64 * dt, format!("at most {} s, a stage", self.stage));
+        Err(Error::value("mpc: time between plans", value, rule, "Raise the rate, or take longer stages."))
     }
 
     /// Checks their ranges: 1 to 1000 stages of (0, 1] s, iterations and substeps ≥ 1, rate > 0, estimate ≥ 0.
@@ -474,18 +486,9 @@ fn holds_tilt(plant: &Plant) -> bool {
 }
 
 /// Steps between ticks that come at most so often.
-fn ticks_every(rate: f64, dt: f64) -> Result<u64> {
-    let most = (1.0 / dt).round();
-    let mut every = (most / rate).ceil().max(1.0);
-    // rates divide 1/dt
-    while every < most && (most % every) != 0.0 {
-        every += 1.0;
-    }
-    let own = most / every;
-    if RateDivisors::new(&Rates { rate: own, attitude: own, velocity: own }, dt).is_err() {
-        return Ok(1);
-    }
-    Ok(every as u64)
+fn ticks_every(rate: f64, dt: f64) -> u64 {
+    // times are multiples of dt up to rounding
+    (1.0 / (dt * rate) - 1e-9).ceil().max(1.0) as u64
 }
 
 fn soft_bounds(planned: &PlannedPlant, bounds: &[StateBound]) -> Result<Vec<SoftBound>> {
@@ -583,6 +586,13 @@ impl Controller for Mpc {
     }
 
     fn reset(&mut self) {
+        if self.effectiveness.iter().any(|left| *left < 1.0) {
+            self.effectiveness.fill(1.0);
+            self.believed = self.whole.clone();
+            let (lower, upper) = self.planned.bounds();
+            // as when it was made
+            let _ = self.iteration.problem_mut().set_bounds(&lower, &upper);
+        }
         self.step = 0;
         self.failed = 0;
         self.is_fresh = true;
@@ -645,12 +655,14 @@ impl Controller for Mpc {
     }
 
     fn tell(&mut self, effectiveness: &[f64]) -> Result<()> {
+        let places = self.whole.rotor_places();
+        length("effectiveness of rotors", effectiveness.len(), places.len())?;
         self.effectiveness.copy_from_slice(effectiveness);
+        self.believed = self.whole.damaged(effectiveness)?;
         let (mut lower, mut upper) = self.planned.bounds();
-        let places = self.believed.rotor_places();
         for (rotor, left) in places.iter().zip(effectiveness) {
             if let Some(i) = self.planned.commands().iter().position(|k| *k == rotor.action) {
-                let most = left.sqrt().max(1e-3);
+                let most = left.sqrt().max(STOPPED.sqrt());
                 (lower[i], upper[i]) = (lower[i].min(most), upper[i].min(most));
             }
         }

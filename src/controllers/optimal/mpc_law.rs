@@ -29,7 +29,7 @@ const CONVERGED: f64 = 1e-11;
 /// Model predictive control of one vehicle or one floating tree, as a law.
 ///
 /// - Target: of each of N + 1 instants position, velocity, attitude and angular velocity of the reference, and its inputs.
-/// - Parameters: [`TrackingWeights`]. No memory; no disturbance estimate; latency is not answered for.
+/// - Parameters: [`TrackingWeights`]; the cost of an endless flight at the end stays that of the weights it was made with. No memory; no disturbance estimate; latency is not answered for.
 /// - An answer that does not converge is NaN.
 #[derive(Clone)]
 pub struct MpcLaw {

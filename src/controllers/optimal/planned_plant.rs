@@ -96,6 +96,12 @@ impl PlannedPlant {
         ErrorState::new(self.kept.len(), &turns)
     }
 
+    /// Whether an input steers a rotor, and not a drive.
+    #[doc(hidden)]
+    pub fn is_rotor(&self, input: usize) -> bool {
+        self.rotors[input].is_some()
+    }
+
     /// Numbers of the plant's state that are states here, ascending.
     pub fn kept(&self) -> &[usize] {
         &self.kept

@@ -1,7 +1,7 @@
 //! An optimal control problem: what is recorded, and the numbers of its stages.
 
 use super::stage_model::StageModel;
-use super::stage_qp::{SoftBound, check_bounds};
+use super::stage_qp::{SoftBound, check_bounds, one_each};
 use base::error::{Error, Result, finite};
 use std::sync::Arc;
 
@@ -146,6 +146,7 @@ impl OptimalProblem {
     /// finite.
     pub fn set_soft_bounds(&mut self, bounds: &[SoftBound]) -> Result<()> {
         let errors = &self.model.errors;
+        one_each(bounds)?;
         for bound in bounds {
             let n = self.model.n_state();
             if bound.state >= n {

@@ -106,11 +106,11 @@ pub struct WeightsInFile {
     pub joint: f64,
     /// Of its rate.
     pub joint_rate: f64,
-    /// Per square of the input's unit.
+    /// Per square of the unit of the first input; of others alike in shares of their range.
     pub input: f64,
 }
 
-/// A pose to be at, at a time, with weights of its own.
+/// A pose to be at, at the stage nearest to a time: in place of the goal, with weights of its own.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct WaypointInFile {
@@ -132,7 +132,7 @@ pub struct StateBoundInFile {
     pub lower: Option<f64>,
     /// Largest value that costs nothing.
     pub upper: Option<f64>,
-    /// Of its square beyond.
+    /// Of the square beyond, in every stage.
     #[serde(default = "thousand")]
     pub weight: f64,
 }
@@ -190,7 +190,7 @@ pub struct ProblemFile {
     pub effects: Effects,
     /// Of inputs, within those of the vehicle.
     pub bounds: Option<BoundsInFile>,
-    /// Inputs that cost nothing; without it those of hover.
+    /// Inputs of rotors that cost nothing; without it those of hover.
     pub input_reference: Option<f64>,
     /// Whether motors speed up and slow down with different lags. Without, the longer one counts both ways: the motion is smooth then, and
     /// searches end ten times as fast.
@@ -375,7 +375,7 @@ impl ProblemFile {
             None => holding.clone(),
             Some(same) => {
                 finite("input_reference", &[same])?;
-                vec![same; holding.len()]
+                holding.iter().enumerate().map(|(i, own)| if plant.is_rotor(i) { same } else { *own }).collect()
             }
         };
         let mut marks = vec![(0, start.clone()), (self.steps, goal.clone())];
@@ -392,8 +392,19 @@ impl ProblemFile {
             cost.tracking().write_parameters(&Kinematics::read(&goal), &reference, &own, &mut row[first..until]);
             problem.set_parameters(stage, &row)?;
         }
+        let mut waypoint_stages = Vec::new();
         for waypoint in &self.waypoints {
             let stage = self.stage_of("waypoint", waypoint.time)?;
+            if waypoint_stages.contains(&stage) {
+                let rule = "of a stage of its own";
+                return Err(Error::value(
+                    "waypoint: time",
+                    waypoint.time,
+                    rule,
+                    "Times are those of stages: give another.",
+                ));
+            }
+            waypoint_stages.push(stage);
             let own = waypoint.pose.state("waypoint", &hover)?;
             let by = if stage == self.steps { 1.0 } else { 1.0 / self.dt };
             let mut weights = waypoint.weights.weights("waypoint", scale)?.scaled(by);
@@ -406,9 +417,15 @@ impl ProblemFile {
                 marks.push((stage, own));
             }
         }
+        let mut taken = Vec::new();
         for gate in &self.gates {
             gate.validate()?;
             let stage = self.stage_of("gate", gate.time)?;
+            if stage == 0 || taken.contains(&stage) {
+                let rule = "of a stage of its own, behind the start";
+                return Err(Error::value("gate: time", gate.time, rule, "Times are those of stages: give another."));
+            }
+            taken.push(stage);
             row.copy_from_slice(problem.parameters(stage));
             cost.write_gate(Some(gate), &mut row);
             problem.set_parameters(stage, &row)?;
@@ -455,7 +472,10 @@ impl ProblemFile {
         let n = lower.len();
         let own = match &self.bounds {
             None => return Ok((lower, upper)),
-            Some(BoundsInFile::Same(own)) => vec![*own; n],
+            Some(BoundsInFile::Same(own)) => {
+                let of = |i: usize| if plant.is_rotor(i) { *own } else { [lower[i], upper[i]] };
+                (0..n).map(of).collect()
+            }
             Some(BoundsInFile::Each(own)) if own.len() == n => own.clone(),
             Some(BoundsInFile::Each(own)) => {
                 let rule = format!("{n}, one pair per input");

@@ -10,7 +10,7 @@
 //! Whatever ends the search, inputs are within their bounds.
 
 use super::interior_point::Barriers;
-use super::stage_qp::{Blocks, Sizes, StageQp};
+use super::stage_qp::{Blocks, Sizes, SoftBound, StageQp};
 use super::stage_sweeps::{Factors, costates, factorise, feed_forward, roll_out, slopes, step};
 use base::defaults::with_defaults;
 use nalgebra::DMatrix;
@@ -75,6 +75,8 @@ pub struct QpSolver {
     factors: Factors,
     /// Inputs and states.
     z: Blocks,
+    /// Where the interior-point method stands while sets are tried.
+    inside: Blocks,
     w: Blocks,
     /// Slopes with barriers.
     pushed: Blocks,
@@ -107,6 +109,7 @@ impl QpSolver {
         Self {
             factors: Factors::of(&sizes),
             z: all(),
+            inside: all(),
             w: all(),
             pushed: all(),
             costates: all(),
@@ -416,11 +419,11 @@ impl QpSolver {
             self.barriers.advance(share);
             if is_due {
                 next = finish.next();
-                let inside = self.z.clone();
+                self.inside.copy_from(&self.z);
                 if self.by_sets(qp, settings, report)? {
                     return Ok(true);
                 }
-                self.z = inside;
+                self.z.copy_from(&self.inside);
                 if next.is_none() {
                     break;
                 }
@@ -568,10 +571,19 @@ impl QpSolver {
         Ok(())
     }
 
-    /// Slope of the cost along the last solution from 0.
+    /// Slope of the cost along the last solution from 0, with soft bounds.
     pub(super) fn slope(&self, qp: &StageQp) -> f64 {
         let blocks = (0..=self.sizes.stages).map(|k| (self.z.of(k), qp.slopes.of(k)));
-        blocks.map(|(z, slope)| z.iter().zip(slope).map(|(z, h)| z * h).sum::<f64>()).sum()
+        let plain: f64 = blocks.map(|(z, slope)| z.iter().zip(slope).map(|(z, h)| z * h).sum::<f64>()).sum();
+        let of_bound = |k: usize, b: &SoftBound| b.weight * b.beyond(0.0) * self.state(k + 1)[b.state];
+        let soft = qp.soft.iter().enumerate().flat_map(|(k, all)| all.iter().map(move |b| of_bound(k, b)));
+        plain + soft.sum::<f64>()
+    }
+
+    /// By how much the last solution is cheaper than 0, as a negative number: the cost there less the cost of soft bounds at 0.
+    pub(super) fn change(&self, qp: &StageQp) -> f64 {
+        let before = qp.soft.iter().flatten().map(|b| 0.5 * b.weight * b.beyond(0.0).powi(2));
+        self.cost(qp) - before.sum::<f64>()
     }
 
     /// Whether a soft bound of a state counts as passed.

@@ -1,7 +1,7 @@
 //! Model predictive control by real-time iteration: one quadratic program a tick, about the plan of the last.
 //!
 //! The plan of the last tick is carried on to the time of this one, the problem is expanded about it, and its program is solved from the
-//! state that is measured; the step is taken whole. Plans need not obey the dynamics between ticks: gaps are closed as the next
+//! state that is measured; of the step as much is taken as lowers cost and gaps, nearly always all of it. Plans need not obey the dynamics between ticks: gaps are closed as the next
 //! program does. With more iterations a tick it is full sequential quadratic programming.
 //!
 //! Source: Diehl, Bock and Schlöder 2005 (real-time iteration); Gros, Zanon, Quirynen, Bemporad and Diehl 2020.
@@ -17,7 +17,7 @@ const LARGEST_GAP: f64 = 5.0;
 /// Share of what a step is expected to gain that it must gain.
 const ENOUGH: f64 = 0.05;
 
-/// A receding problem and the plan that stands; made once, ticks without allocation.
+/// A receding problem and the plan that stands.
 #[derive(Debug, Clone)]
 pub struct RealTimeIteration {
     problem: OptimalProblem,
@@ -187,8 +187,8 @@ impl RealTimeIteration {
         TickReport { qp, recursions: qp.iterations, cost, gap, step }
     }
 
-    /// Goes the longest of the steps 1, ½, ¼, ⅛ that lowers the cost with its gaps, the shortest of them if none does; the largest number of
-    /// the step.
+    /// Goes the longest of the shares 1, ½, ¼, ⅛ of the step that lowers the cost with its gaps, the shortest if none does; the largest
+    /// number of the whole step. Nothing where it is not finite.
     fn advance(&mut self, cost: f64, gap: f64) -> f64 {
         let stages = self.problem.n_stage();
         // a gap costs at most its costate
@@ -196,13 +196,20 @@ impl RealTimeIteration {
         let weight = (0..=stages).map(of_stage).fold(0.0, f64::max);
         let slope = self.solver.slope(&self.expansion.qp) - weight * gap;
         let merit = cost + weight * gap;
-        let mut length = 1.0;
+        let (mut length, mut whole) = (1.0, None);
         loop {
-            let step = self.write_trial(length);
+            let taken = self.write_trial(length);
+            let step = *whole.get_or_insert(taken);
             let (found, left) = self.judge_trial();
             let own = found + weight * (left + (1.0 - length) * self.error.iter().map(|e| e.abs()).sum::<f64>());
             let is_lower = own <= merit + ENOUGH * length * slope + 1e-12 * merit.abs();
-            if is_lower || length <= 0.125 || !step.is_finite() {
+            if !step.is_finite() {
+                return step; // the plan of before stays
+            }
+            if is_lower || length <= 0.125 {
+                if !own.is_finite() {
+                    return f64::NAN;
+                }
                 std::mem::swap(&mut self.plan, &mut self.trial);
                 return step;
             }

