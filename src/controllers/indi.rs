@@ -23,11 +23,10 @@
 //! Source: Sun, Romero, Foehn, Kaufmann, Scaramuzza 2022 (flatness-based control with INDI, tilt-prioritised attitude of Brescianini
 //! and D'Andrea 2018); Smeur, Chu, de Croon 2016 (equal filters); the thrust of a falling vehicle is at least zero.
 
-use super::allocation::AllocationFunction;
-use super::allocation::problem::{Problem, WRENCH};
 use super::attitude::Orientation;
 use super::cascade::{RateDivisors, Rates};
 use super::hover_axes::HoverAxes;
+use super::incremental::{BoundedRotors, EqualFilters};
 use super::integral::IntegralState;
 use super::kinematics::Kinematics;
 use super::law::{ControlLaw, LawInput};
@@ -39,16 +38,12 @@ use super::velocity::{VelocityCommand, desired_attitude};
 use autodiff::jet::Jet;
 use autodiff::{Scalar, safe};
 use base::error::Result;
-use dynamics::rotor::thrust_action;
 use dynamics::spatial::{
     Mat3, Vec3, add, cross, dot, hadamard, mat_mul, mat_vec, matrix, rotate, scale, sub, transpose,
 };
-use dynamics::{Gains, MAX_ROTORS, Physics, Vehicle};
+use dynamics::{Gains, Physics, Vehicle};
 
-/// Of the filters of moment and angular velocity, Hz.
-pub const CUTOFF: f64 = 12.0;
-/// Priority of each row, as a factor of its balanced weight: sideways forces, thrust, roll and pitch, yaw.
-const PRIORITIES: [f64; WRENCH] = [1e-4, 1e-4, 1.0, 100.0, 100.0, 0.025];
+pub use super::incremental::CUTOFF;
 /// Most that errors ask for, as a share of what all rotors give: beyond it they would outweigh where the reference goes.
 const CORRECTION: f64 = 0.55;
 /// Specific force below which its direction is no longer fed forward, m/s².
@@ -66,13 +61,9 @@ pub struct IndiLaw {
     believed: NominalBody,
     axes: HoverAxes<f64>,
     gains: Gains,
-    /// k_f and T_max of every rotor.
-    coefficient: Vec<f64>,
-    max_thrust: Vec<f64>,
+    rotors: BoundedRotors,
     /// Most that errors ask for, m/s².
     correction: f64,
-    problem: Problem,
-    allocation: AllocationFunction,
     filter: LowPass,
     period: f64,
     rate: Option<f64>,
@@ -80,50 +71,25 @@ pub struct IndiLaw {
 
 /// Filters and estimates between two ticks.
 struct Memory<S> {
-    /// Of ω and of M, then what they said last.
-    filters: [[S; 2]; 6],
-    last: [S; 6],
+    /// Of ω and of M.
+    filters: EqualFilters<S>,
     /// Of the force; what is missing of the moment is in the filtered signals.
     missing: IntegralState<S>,
 }
 
 impl<S: Scalar> Memory<S> {
-    const FILTERS: usize = 18;
+    const FILTERS: usize = EqualFilters::<S>::DIM;
     const DIM: usize = Self::FILTERS + IntegralState::<S>::DIM;
 
     #[inline]
     fn read(x: &[S]) -> Self {
-        let (mut filters, mut last) = ([[S::zero(); 2]; 6], [S::zero(); 6]);
-        for k in 0..6 {
-            (filters[k], last[k]) = ([x[2 * k], x[2 * k + 1]], x[12 + k]);
-        }
-        Self { filters, last, missing: IntegralState::read(&x[Self::FILTERS..]) }
+        Self { filters: EqualFilters::read(x), missing: IntegralState::read(&x[Self::FILTERS..]) }
     }
 
     #[inline]
     fn write(&self, x: &mut [S]) {
-        for k in 0..6 {
-            (x[2 * k], x[2 * k + 1], x[12 + k]) = (self.filters[k][0], self.filters[k][1], self.last[k]);
-        }
+        self.filters.write(x);
         self.missing.write(&mut x[Self::FILTERS..]);
-    }
-
-    /// Filtered signals half a period ago, and their slopes, per second.
-    fn filtered(&mut self, filter: &LowPass, now: [S; 6], period: f64) -> ([S; 6], [S; 6]) {
-        let first = self.missing.started.lt(S::constant(0.5));
-        let (mut mean, mut slope) = (now, now);
-        for k in 0..6 {
-            let rest = filter.rest(now[k]);
-            for j in 0..2 {
-                self.filters[k][j] = S::select(first, rest[j], self.filters[k][j]);
-            }
-            let last = S::select(first, now[k], self.last[k]);
-            let next = filter.next(&mut self.filters[k], now[k]);
-            mean[k] = S::constant(0.5) * (next + last);
-            slope[k] = S::constant(1.0 / period) * (next - last);
-            self.last[k] = next;
-        }
-        (mean, slope)
     }
 }
 
@@ -142,16 +108,12 @@ impl IndiLaw {
         let vehicle = &vehicle.upright();
         let every = RateDivisors::new(rates, physics.dt)?.every[2];
         let period = every as f64 * physics.dt;
-        let problem = Problem::of_vehicle(vehicle)?.with_priorities(&PRIORITIES);
         Ok(Self {
             believed: NominalBody::new(vehicle)?,
             axes,
             gains: *gains,
-            coefficient: vehicle.rotors.iter().map(|r| r.thrust_coefficient).collect(),
-            max_thrust: vehicle.rotors.iter().map(|r| r.max_thrust()).collect(),
+            rotors: BoundedRotors::new(vehicle)?,
             correction: CORRECTION * vehicle.max_thrust() / vehicle.mass_properties().mass,
-            allocation: AllocationFunction::new(problem.clone())?,
-            problem,
             filter: LowPass::new(CUTOFF, period),
             period,
             rate: (every > 1).then_some(rates.rate),
@@ -267,19 +229,16 @@ impl ControlLaw for IndiLaw {
     }
 
     fn tick<S: Scalar>(&self, now: &LawInput<'_, S>, memory: &mut [S], commands: &mut [S]) {
-        let n = self.max_thrust.len();
         let gains =
             if now.parameters.is_empty() { GainSet::constant(&self.gains) } else { GainSet::read(now.parameters) };
         let state = HoverAxes::constant(&self.axes).kinematics(&now.kinematics());
-        let rotors = self.believed.wrench(|i| {
-            let speed = now.state[13 + i];
-            S::constant(self.coefficient[i]) * speed * speed
-        });
+        let rotors = self.believed.wrench(|i| self.rotors.thrust_at(i, now.state[13 + i]));
         let mut own = Memory::read(memory);
         own.missing.observe(S::one(), &state, [S::constant(self.gains.integral[0]), S::zero()], self.period);
         let w = state.angular_velocity;
-        let (mean, slope) =
-            own.filtered(&self.filter, [w[0], w[1], w[2], rotors[1], rotors[2], rotors[3]], self.period);
+        let signals = [w[0], w[1], w[2], rotors[1], rotors[2], rotors[3]];
+        let first = own.missing.started.lt(S::constant(0.5));
+        let (mean, slope) = own.filters.filtered(first, &self.filter, signals, self.period);
         own.missing.expect(S::one(), &state, &self.believed, rotors, self.period);
         own.write(memory);
 
@@ -291,11 +250,7 @@ impl ControlLaw for IndiLaw {
         let up = rotate(state.attitude, [S::zero(), S::zero(), S::one()]);
         let thrust = body.mass * dot([series[0].value(), series[1].value(), series[2].value()], up);
         let wrench = [S::zero(), S::zero(), thrust.max(S::zero()), moment[0], moment[1], moment[2]];
-        let mut thrusts = [S::zero(); MAX_ROTORS];
-        self.allocation.call(&self.problem, &wrench, &mut thrusts[..n]);
-        for i in 0..n {
-            commands[i] = thrust_action(thrusts[i] * S::constant(1.0 / self.max_thrust[i])).clamp(-S::one(), S::one());
-        }
+        self.rotors.write_actions(&wrench, commands);
     }
 }
 

@@ -84,6 +84,7 @@ pub(crate) mod gimballed;
 pub mod hover_axes;
 #[doc(hidden)]
 pub mod hover_feedback;
+pub(crate) mod incremental;
 #[doc(hidden)]
 pub mod indi;
 pub(crate) mod integral;

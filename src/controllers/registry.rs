@@ -9,7 +9,7 @@ use super::hover_feedback::{HoverFeedback, HoverWeights};
 use super::indi::IndiLaw;
 use super::law::LawController;
 use super::locked_joints::LockedJoints;
-use super::optimal::{Mpc, MpcSettings};
+use super::optimal::{Mpc, MpcSettings, PlannedIndi};
 use super::platform_controller::{self, PlatformController, is_platform};
 use super::start::free;
 use super::state_feedback::{Lqr, LqrWeights, suits};
@@ -78,7 +78,7 @@ impl ControllerEntry {
 }
 
 /// All controllers, the most special first.
-pub const REGISTRY: [ControllerEntry; 11] = [
+pub const REGISTRY: [ControllerEntry; 12] = [
     ControllerEntry {
         name: "cascade",
         flies: "one rigid vehicle",
@@ -220,6 +220,19 @@ pub const REGISTRY: [ControllerEntry; 11] = [
             let settings = setup.mpc.cloned().unwrap_or_else(|| MpcSettings::for_plant(plant));
             let fallback = default_controller(plant, setup)?;
             Ok(Box::new(Mpc::new(plant, &settings)?.with_fallback(fallback)))
+        },
+    },
+    ControllerEntry {
+        name: "mpc_indi",
+        flies: "one rigid vehicle, by planning ahead, whatever turns it beside its rotors",
+        tunes: "15 weights",
+        is_batched: false,
+        suits: |plant| plant.tree().is_none(),
+        may_fail: false,
+        build: |plant, setup| {
+            let settings = MpcSettings::for_plant(plant);
+            let fallback = default_controller(plant, setup)?;
+            Ok(Box::new(PlannedIndi::new(plant, &settings, setup.rates)?.with_fallback(fallback)))
         },
     },
 ];

@@ -10,6 +10,7 @@ mod flight_log;
 #[path = "../common/geometry.rs"]
 #[allow(dead_code)]
 mod geometry;
+mod hostile_plans;
 mod hover;
 mod indi;
 mod integral;

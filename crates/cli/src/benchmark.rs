@@ -30,8 +30,8 @@ mean is over the references that were not crashed on. A flight has crashed once 
 nominal vehicle can do.
 
 Other than in the paper: 600 Hz for 500 (so that 300 Hz divide them), no lift from forward speed, a constant heading with standing \
-ellipses across it, a centre of mass shifted forward, a moment about body x; cascade and indi do not integrate. The line below each table \
-tells flatness-based control as published, over the 76 references that the paper calls feasible.
+ellipses across it, a centre of mass shifted forward, a moment about body x; cascade and indi do not integrate. The lines below each \
+table tell flatness-based control and nonlinear MPC as published, over the 76 references that the paper calls feasible.
 
 Files in --out: tracking.png or tracking.svg.
 
@@ -116,7 +116,8 @@ fn told(row: &TrackingRow) -> Value {
     let (crashed, n) = row.crashes(all);
     json!({
         "controller": row.controller, "condition": row.condition, "rmse": row.mean_rmse(all), "rmse_feasible": row.mean_rmse(feasible),
-        "crashed": crashed, "n": n, "published": row.condition.published(), "flights": row.flights,
+        "crashed": crashed, "n": n, "published": row.condition.published(), "published_mpc": row.condition.published_mpc(),
+        "flights": row.flights,
     })
 }
 
@@ -126,12 +127,7 @@ fn page(benchmark: &Tracking, rows: &[TrackingRow], written: &[PathBuf]) -> Page
     page.title("tracking", &format!("{n} ellipses, {n_feasible} of them feasible"));
     for group in rows.chunk_by(|a, b| a.condition == b.condition) {
         let condition = group[0].condition;
-        let published = condition.published().map(|m| m.map(|m| format!("{} m", short(m, 3))));
-        let mut beside = match published {
-            [Some(without), Some(with)] => format!("published, feasible: {without} without INDI, {with} with it"),
-            [Some(without), None] => format!("published, feasible: {without} without INDI"),
-            _ => String::new(),
-        };
+        let mut beside = format!("published, feasible: {}", without_and_with(condition.published()));
         if condition == TrackingCondition::Nominal {
             beside += &format!("; all: {} m without INDI", short(PUBLISHED_OVER_ALL, 2));
         }
@@ -149,10 +145,19 @@ fn page(benchmark: &Tracking, rows: &[TrackingRow], written: &[PathBuf]) -> Page
         }
         page.heading(condition.name()).table(table);
         page.line(format!("  {beside}"));
+        let (published, crashed) = condition.published_mpc();
+        let crashed = crashed.map_or_else(String::new, |share| format!("; {share} % crashed"));
+        page.line(format!("  of nonlinear MPC: {}{crashed}", without_and_with(published)));
     }
     page.line(format!("\n  errors over {COUNTED} s, of flights that did not crash"));
     page.written(written);
     page
+}
+
+/// Published errors, m.
+fn without_and_with([without, with]: [Option<f64>; 2]) -> String {
+    let told = |m: Option<f64>, how: &str| m.map(|m| format!("{} m {how}", short(m, 3)));
+    [told(without, "without INDI"), told(with, "with it")].into_iter().flatten().collect::<Vec<_>>().join(", ")
 }
 
 /// Error over acceleration and speed on the nominal plant, a map per controller.

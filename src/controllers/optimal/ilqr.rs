@@ -136,16 +136,10 @@ impl Ilqr {
         length("inputs", inputs.len(), self.trajectory.inputs.len())?;
         base::error::finite("inputs", inputs)?;
         let (n, m) = (problem.model().n_state(), problem.model().n_input());
-        self.trajectory.inputs.copy_from_slice(inputs);
+        self.take_inputs(problem, inputs);
         self.trajectory.states[..n].copy_from_slice(problem.start());
         for k in 0..problem.n_stage() {
-            let (states, input) =
-                (&mut self.trajectory.states[k * n..], &mut self.trajectory.inputs[k * m..(k + 1) * m]);
-            let (lower, upper) = problem.bounds(k);
-            input
-                .iter_mut()
-                .zip(lower.iter().zip(upper))
-                .for_each(|(u, (lower, upper))| *u = u.max(*lower).min(*upper));
+            let (states, input) = (&mut self.trajectory.states[k * n..], &self.trajectory.inputs[k * m..(k + 1) * m]);
             self.expansion.evaluate(problem, k, &states[..n], input);
             states[n..2 * n].copy_from_slice(&self.expansion.work.single_results[..n]);
             if let Some(at) = states[n..2 * n].iter().position(|x| !x.is_finite()) {
@@ -166,9 +160,17 @@ impl Ilqr {
         length("states", guess.states.len(), self.trajectory.states.len())?;
         base::error::finite("inputs", &guess.inputs)?;
         base::error::finite("states", &guess.states)?;
-        self.trajectory.clone_from(guess);
-        let (n, m) = (problem.model().n_state(), problem.model().n_input());
+        self.take_inputs(problem, &guess.inputs);
+        let n = problem.model().n_state();
+        self.trajectory.states.copy_from_slice(&guess.states);
         self.trajectory.states[..n].copy_from_slice(problem.start());
+        Ok(())
+    }
+
+    /// Inputs of a guess, put within their bounds before anything can be refused.
+    fn take_inputs(&mut self, problem: &OptimalProblem, inputs: &[f64]) {
+        let m = problem.model().n_input();
+        self.trajectory.inputs.copy_from_slice(inputs);
         for (k, input) in self.trajectory.inputs.chunks_exact_mut(m).enumerate() {
             let (lower, upper) = problem.bounds(k);
             input
@@ -176,7 +178,6 @@ impl Ilqr {
                 .zip(lower.iter().zip(upper))
                 .for_each(|(u, (lower, upper))| *u = u.max(*lower).min(*upper));
         }
-        Ok(())
     }
 
     /// The trajectory as it stands.

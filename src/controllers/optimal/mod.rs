@@ -30,6 +30,7 @@
 //! | `problem_file`: [`ProblemFile`], [`CourseProblem`] | problems as TOML, some of them built in |
 //! | `mpc`: [`Mpc`], [`MpcSettings`] | model predictive control as a controller |
 //! | `linear_mpc`: [`LinearMpc`] | its feedback about hover, with poles and margins |
+//! | `planned_indi`: [`PlannedIndi`] | a plan in front of incremental inversion |
 //! | `mpc_law`: [`MpcLaw`] | the same as a law, for gradients through closed loops |
 //!
 //! A pendulum is swung up within its torque:
@@ -90,6 +91,8 @@ pub mod mpc;
 #[doc(hidden)]
 pub mod mpc_law;
 #[doc(hidden)]
+pub mod planned_indi;
+#[doc(hidden)]
 pub mod planned_plant;
 #[doc(hidden)]
 pub mod problem;
@@ -116,6 +119,7 @@ pub use ilqr::{Ilqr, IlqrIteration, IlqrReport, IlqrSettings, IlqrStatus};
 pub use linear_mpc::LinearMpc;
 pub use mpc::{Mpc, MpcSettings, MpcStatistics, StateBound};
 pub use mpc_law::MpcLaw;
+pub use planned_indi::PlannedIndi;
 pub use planned_plant::{PlannedInput, PlannedPlant};
 pub use problem::{OptimalProblem, OptimalTrajectory};
 pub use problem_file::{CourseProblem, FirstGuess, ProblemFile};

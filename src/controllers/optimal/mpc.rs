@@ -151,7 +151,10 @@ struct Observer {
     estimate: Vector6<f64>,
     /// Most of each.
     most: Vector6<f64>,
-    foretold: Option<[f64; 6]>,
+    /// Whether somebody else says what the moment is.
+    is_told_moment: bool,
+    /// The state as it should be by now, from the last tick on.
+    foretold: Option<Vec<f64>>,
 }
 
 impl Mpc {
@@ -543,17 +546,19 @@ impl Observer {
             inverse,
             estimate: Vector6::zeros(),
             most: Vector6::from_iterator(most),
+            is_told_moment: false,
             foretold: None,
         })
     }
 
     fn learn(&mut self, state: &[f64]) {
         let Some(foretold) = self.foretold.take() else { return };
-        let now = velocities(state);
+        let (now, foretold) = (velocities(state), velocities(&foretold));
         let missing = Vector6::from_fn(|k, _| now[k] - foretold[k]);
         let learnt = self.estimate + self.share * self.inverse.component_mul(&missing);
         if learnt.iter().all(|x| x.is_finite()) {
-            self.estimate = learnt.zip_map(&self.most, |x, most| x.clamp(-most, most));
+            let n = if self.is_told_moment { 3 } else { 6 };
+            (0..n).for_each(|k| self.estimate[k] = learnt[k].clamp(-self.most[k], self.most[k]));
         }
     }
 }
@@ -609,49 +614,9 @@ impl Controller for Mpc {
     }
 
     fn tick(&mut self, seen: Measurement<'_>, target: Target<'_>, commands: &mut [f64]) {
-        if self.step.is_multiple_of(self.every) {
-            let begin = Instant::now();
-            if self.observer.share > 0.0 {
-                self.observer.learn(seen.state);
-            }
-            self.statistics.ticks += 1;
-            match self.plan(&seen, target) {
-                Ok(()) => {
-                    (self.failed, self.falls_back) = (0, false);
-                    self.command();
-                }
-                Err(_) => {
-                    self.failed += 1;
-                    if self.failed <= PATIENCE && !self.is_fresh {
-                        self.statistics.kept += 1;
-                        self.command();
-                    } else {
-                        self.statistics.fallen_back += 1;
-                        if !self.falls_back {
-                            self.fallback.iter_mut().for_each(|own| own.reset());
-                        }
-                        (self.falls_back, self.is_fresh) = (true, true);
-                        self.commands.clone_from(&self.hover);
-                    }
-                }
-            }
-            if self.statistics.times.len() < MAX_TIMES {
-                self.statistics.times.push(begin.elapsed().as_secs_f32());
-            }
-        }
-        if self.falls_back
-            && let Some(fallback) = &mut self.fallback
-        {
-            fallback.tick(seen, target, &mut self.commands);
-        }
+        self.decide(seen, target);
         commands.copy_from_slice(&self.commands[..commands.len()]);
-        self.given.push(self.commands.clone());
-        let acts = self.given.remove(0);
-        // the velocities at the next tick, step by step from what is measured now
-        if self.observer.share > 0.0 && self.step.is_multiple_of(self.every) {
-            self.foretell_tick(seen.state, &acts);
-        }
-        self.step += 1;
+        self.sent(seen.state, commands);
     }
 
     fn tell(&mut self, effectiveness: &[f64]) -> Result<()> {
@@ -696,18 +661,80 @@ impl Controller for Mpc {
 }
 
 impl Mpc {
-    /// Foretells the velocities at the next tick, where `acts` acts now and what was given acts behind it.
-    fn foretell_tick(&mut self, state: &[f64], acts: &[f64]) {
-        let mut own = state.to_vec();
-        for k in 0..self.every as usize {
-            // what is given in steps to come is what is given now
-            let acting = match k.checked_sub(1) {
-                None => acts,
-                Some(k) => self.given.get(k).map_or(&self.commands[..], |given| given),
-            };
-            own = self.foretell(&own, acting);
+    /// Plans where a tick is due, and leaves the commands.
+    pub(super) fn decide(&mut self, seen: Measurement<'_>, target: Target<'_>) {
+        if self.is_due() {
+            let begin = Instant::now();
+            if self.observer.share > 0.0 {
+                self.observer.learn(seen.state);
+            }
+            self.statistics.ticks += 1;
+            match self.plan(&seen, target) {
+                Ok(()) => {
+                    (self.failed, self.falls_back) = (0, false);
+                    self.command();
+                }
+                Err(_) => {
+                    self.failed += 1;
+                    if self.failed <= PATIENCE && !self.is_fresh {
+                        self.statistics.kept += 1;
+                        self.command();
+                    } else {
+                        self.statistics.fallen_back += 1;
+                        if !self.falls_back {
+                            self.fallback.iter_mut().for_each(|own| own.reset());
+                        }
+                        (self.falls_back, self.is_fresh) = (true, true);
+                        self.commands.clone_from(&self.hover);
+                    }
+                }
+            }
+            if self.statistics.times.len() < MAX_TIMES {
+                self.statistics.times.push(begin.elapsed().as_secs_f32());
+            }
         }
-        self.observer.foretold = Some(velocities(&own));
+        if self.falls_back
+            && let Some(fallback) = &mut self.fallback
+        {
+            fallback.tick(seen, target, &mut self.commands);
+            // what it makes of a measurement that is none
+            for (command, hover) in self.commands.iter_mut().zip(&self.hover) {
+                *command = if command.is_finite() { command.clamp(-1.0, 1.0) } else { *hover };
+            }
+        }
+    }
+
+    /// Takes the moment on the root (N m, body) from elsewhere, and learns a force alone from now on.
+    pub(super) fn take_moment(&mut self, moment: [f64; 3]) {
+        self.observer.is_told_moment = true;
+        (0..3).for_each(|k| self.observer.estimate[3 + k] = moment[k]);
+    }
+
+    /// Whether the next step plans anew.
+    pub(super) fn is_due(&self) -> bool {
+        self.step.is_multiple_of(self.every)
+    }
+
+    /// Commands that it left.
+    pub(super) fn commands(&self) -> &[f64] {
+        &self.commands
+    }
+
+    /// Whether the fallback flies, or nobody does.
+    pub(super) fn falls_back(&self) -> bool {
+        self.falls_back
+    }
+
+    /// Learns what was sent in this step, where `state` was measured.
+    pub(super) fn sent(&mut self, state: &[f64], commands: &[f64]) {
+        self.given.push(commands.to_vec());
+        let acts = self.given.remove(0);
+        if self.observer.share > 0.0 {
+            // the velocities at the next tick, step by step from what is measured in this one
+            let before = if self.is_due() { None } else { self.observer.foretold.take() };
+            self.observer.foretold = Some(self.foretell(before.as_deref().unwrap_or(state), &acts));
+        }
+        self.step += 1;
     }
 }
 

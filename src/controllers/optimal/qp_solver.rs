@@ -21,6 +21,9 @@ const AT_BOUND: f64 = 1e-12;
 /// Set steps before an interior-point method takes over, and behind it.
 const MOST_SET_STEPS: usize = 5;
 
+/// Most steps that remove what rounding left.
+const REFINEMENTS: usize = 2;
+
 /// Shares of the first μ at which set steps are tried.
 const FINISH: [f64; 4] = [1e-4, 1e-7, 1e-10, 1e-13];
 
@@ -166,9 +169,15 @@ impl QpSolver {
             }
             Ok(fits) => {
                 report.residual = self.residual(qp);
+                for _ in 0..if fits { REFINEMENTS } else { 0 } {
+                    if report.residual <= settings.tolerance || !self.refine(qp) {
+                        break;
+                    }
+                    report.residual = self.residual(qp);
+                }
                 if report.residual.is_nan() {
                     report.status = QpStatus::NotFinite;
-                } else if fits || report.residual <= settings.tolerance {
+                } else if report.residual <= settings.tolerance {
                     report.status = QpStatus::Solved;
                 }
             }
@@ -237,6 +246,23 @@ impl QpSolver {
         self.find_slopes(qp);
         costates(qp, &self.w, &mut self.costates);
         Ok(self.change_sets(qp))
+    }
+
+    /// One more step with the factors and sets that stand: what rounding left of the first, where numbers of a program are of very different
+    /// sizes. Whether the sets still fit.
+    fn refine(&mut self, qp: &StageQp) -> bool {
+        feed_forward(qp, &self.factors, &self.w, &mut self.forward);
+        self.take(qp, 1.0);
+        self.find_slopes(qp);
+        costates(qp, &self.w, &mut self.costates);
+        let fits = matches!(self.change_sets(qp), SetStep::Fits);
+        if !fits {
+            self.within(qp);
+            roll_out(qp, &mut self.z);
+            self.find_slopes(qp);
+            costates(qp, &self.w, &mut self.costates);
+        }
+        fits
     }
 
     /// What is added to the diagonal for the sets that stand, and which inputs are free; held ones are moved to their bounds.

@@ -9,6 +9,7 @@
 use super::problem::{OptimalProblem, OptimalTrajectory, length};
 use super::qp_solver::{QpReport, QpSettings, QpSolver, QpStatus};
 use super::stage_expansion::{Expanded, StageExpansion};
+use super::stage_qp::StageQp;
 use base::error::Result;
 
 /// Gaps of a plan, on average over its stages and in SI units, above which it is rolled out anew.
@@ -290,6 +291,12 @@ impl RealTimeIteration {
     pub fn state(&self, stage: usize) -> &[f64] {
         let n = self.problem.model().n_state();
         &self.plan.states[stage * n..(stage + 1) * n]
+    }
+
+    /// The last program, about the plan that stood before it.
+    #[doc(hidden)]
+    pub fn program(&self) -> &StageQp {
+        &self.expansion.qp
     }
 
     /// The solver of the last program.

@@ -301,6 +301,56 @@ impl StageQp {
         Ok(())
     }
 
+    /// A, B, c of a stage.
+    ///
+    /// # Panics
+    /// For a stage beyond N − 1.
+    #[doc(hidden)]
+    pub fn dynamics(&self, stage: usize) -> (DMatrix<f64>, DMatrix<f64>, DVector<f64>) {
+        let Sizes { n, m, rows, first, .. } = self.sizes;
+        let columns = self.columns.of(stage);
+        let of = |row: usize, z: usize| columns[z * rows + row];
+        let (a, b) = (DMatrix::from_fn(n, n, |i, j| of(i, first + j)), DMatrix::from_fn(n, m, of));
+        (a, b, DVector::from_column_slice(&self.gaps.of(stage)[..n]))
+    }
+
+    /// Q, S, R and q, r of a stage; of stage N those of the end, with zeros for inputs.
+    ///
+    /// # Panics
+    /// For a stage beyond N.
+    #[doc(hidden)]
+    pub fn cost(&self, stage: usize) -> ([DMatrix<f64>; 3], [DVector<f64>; 2]) {
+        let Sizes { n, m, stages, first, all, .. } = self.sizes;
+        let (hessian, slope) = (self.hessians.of(stage), self.slopes.of(stage));
+        let steers = stage < stages;
+        let of = |row: usize, column: usize| hessian[column * all + row];
+        let of_input = |row: usize, column: usize| if steers { of(row, column) } else { 0.0 };
+        let q = DMatrix::from_fn(n, n, |i, j| of(first + i, first + j));
+        let s = DMatrix::from_fn(m, n, |i, j| of_input(i, first + j));
+        let r = DMatrix::from_fn(m, m, of_input);
+        let inputs = DVector::from_fn(m, |i, _| if steers { slope[i] } else { 0.0 });
+        ([q, s, r], [DVector::from_column_slice(&slope[first..first + n]), inputs])
+    }
+
+    /// Bounds of the inputs of a stage.
+    ///
+    /// # Panics
+    /// For a stage beyond N − 1.
+    #[doc(hidden)]
+    pub fn bounds(&self, stage: usize) -> (&[f64], &[f64]) {
+        let m = self.sizes.m;
+        (&self.lower.of(stage)[..m], &self.upper.of(stage)[..m])
+    }
+
+    /// Soft bounds of the states behind a stage.
+    ///
+    /// # Panics
+    /// For a stage beyond N − 1.
+    #[doc(hidden)]
+    pub fn soft_bounds(&self, stage: usize) -> &[SoftBound] {
+        &self.soft[stage]
+    }
+
     fn fits(&self, fits: bool, stage: usize) -> Result<()> {
         if fits {
             return Ok(());

@@ -425,7 +425,7 @@ fn plans_fly_nearer_to_a_reference_than_the_cascade_and_take_their_settings_from
     let folder = temporary();
     let rmse = |more: &[&str]| {
         let line = [&["fly", "hummingbird", "--duration", "5", "--no-plots"], more].concat();
-        json(folder.path(), &line)["metrics"]["position_rmse"].as_f64().expect("a number")
+        json(folder.path(), &line)["flight"]["rmse"].as_f64().expect("a number")
     };
     let [planned, cascade] = [&["--controller", "mpc"][..], &[]].map(rmse);
     // measured: 0.9 mm and 13 mm
