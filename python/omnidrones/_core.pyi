@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Final, SupportsFloat, SupportsIndex, final
 from typing_extensions import disjoint_base
 
-__all__ = ["__version__", "Adjoint", "Allocation", "AllocationFunction", "Controller", "Design", "Figure", "Flight", "Jacobian", "Loop", "Policy", "Progress", "Regulator", "Run", "StateSpace", "Sweep", "System", "Tape", "Trim", "VecEnv", "Vehicle", "_evaluation", "_fly_shard", "_restore", "_restore_policy", "allocate", "configurations", "design", "evaluate", "fly", "linearise", "load_policy", "lqr", "plot", "recipes", "tasks", "train", "tune", "vehicles"]
+__all__ = ["__version__", "Adjoint", "Allocation", "AllocationFunction", "Controller", "Design", "Figure", "Flight", "Jacobian", "Loop", "Mpc", "OptimalTrajectory", "Policy", "Progress", "Regulator", "Run", "StageQpSolution", "StateSpace", "Sweep", "System", "Tape", "Trim", "VecEnv", "Vehicle", "_evaluation", "_fly_shard", "_restore", "_restore_policy", "allocate", "configurations", "design", "evaluate", "fly", "linearise", "load_policy", "lqr", "optimise", "plot", "recipes", "solve_stage_qp", "tasks", "train", "tune", "vehicles"]
 
 __version__: Final[str]
 
@@ -281,6 +281,171 @@ class Loop(System):
         """
 
 @final
+class Mpc:
+    """
+    Model predictive control: in every tick the plan of least cost from the measured state along the reference, of which the first
+    inputs are flown.
+
+    Parameters
+    ----------
+    plant : Vehicle or str or path
+        What it believes to fly: a vehicle, its name or file, or a configuration.
+    dt : float
+        Between two calls of `tick`, s. It plans in as many of them as `rate` allows and holds its commands between.
+    physics : dict, optional
+        Of its model: `integrator`, `effects`.
+    **settings
+        `stages=20`, `stage=0.05` (s of each), `rate=100.0` (plans a second at most, Hz), `iterations=1` (programs a plan), `weights` (a dict:
+        "position", "velocity", "attitude", "angular_velocity", three numbers each, "joint", "joint_rate", "input"), `endless=True` (the plan
+        ends with the cost of an endless flight), `state_bounds=[{"state": "velocity_x", "range": [-2.0, 2.0], "weight": 1e3}]`, `tracked`
+        (name of a body), `estimate=10.0` (rate of the disturbance estimate, 1/s; 0 for none), `latency` (ticks by which commands act late),
+        `substeps`, `exact_lags`.
+
+    Ticks whose program fails fly on with the last plan; after ten of them the default controller of `fly` flies until a plan is found.
+    """
+    def __new__(cls, plant: Any, /, dt: SupportsFloat | SupportsIndex, *, physics: dict | None = None, **settings) -> Mpc: ...
+    def __repr__(self, /) -> str: ...
+    @property
+    def command_names(self, /) -> list[str]:
+        """
+        Names of the commands, with units.
+        """
+    @property
+    def fallback(self, /) -> str | None:
+        """
+        What flies while no plan is found; None where nothing does, then commands are those of hover.
+        """
+    @property
+    def hover(self, /) -> Any:
+        """
+        The plant's state in hover at the origin, a new float64 array [plant state].
+        """
+    @property
+    def input_names(self, /) -> list[str]:
+        """
+        Names of the columns of the plan's inputs, with units.
+        """
+    def plan(self, /) -> tuple[Any, Any]:
+        """
+        The plan that stands, new float64 arrays: states [stages + 1, state] and inputs [stages, input], as `state_names` and `input_names`
+        say, a `stage` apart.
+        """
+    @property
+    def plant_state_names(self, /) -> list[str]:
+        """
+        Names of the numbers of a measured state, with units.
+        """
+    def report(self, /) -> dict:
+        """
+        What it has done since it was reset, by name: "ticks" that planned, of them "kept" (flew on with the last plan) and "fallen_back",
+        "recursions" of all, largest "residual" of a solved program, "times" (of ticks, s, float32 [tick]), the estimated disturbance "force"
+        (N, world, [3]) and "moment" (N m, body, [3]), and "last": None before the first tick, else "status" ("solved", "stopped",
+        "not_convex", "not_finite"), "recursions", "residual", "cost", "gap" and "step" of its program.
+        """
+    def reset(self, /) -> None:
+        """
+        Forgets: the next tick is the first.
+        """
+    @property
+    def settings(self, /) -> dict:
+        """
+        All its settings as a dict.
+        """
+    @property
+    def state_names(self, /) -> list[str]:
+        """
+        Names of the columns of the plan's states, with units: speeds of rotors are shares of their largest.
+        """
+    def tick(self, /, state: Any, reference: Any, time: SupportsFloat | SupportsIndex) -> Any:
+        """
+        The commands of a tick, a new float64 array [command] in [-1, 1], as `command_names` says.
+
+        Parameters
+        ----------
+        state : array
+            What is measured, float64, as `plant_state_names` says: SI, speeds of rotors in rad/s.
+        reference : str or dict or array
+            A shape by its name or as `fly` takes it; or samples of what is wanted when commands of this tick act and each `stage` later,
+            float64 [sample, number]: position, velocity, acceleration, jerk, snap (three numbers each), yaw and its two rates. Numbers
+            that are left out at the end of all rows are 0; the last row holds on.
+        time : float
+            Since the start of the reference, s.
+        """
+
+@final
+class OptimalTrajectory:
+    """
+    A trajectory of least cost, and the search that found it.
+    """
+    def __repr__(self, /) -> str: ...
+    @property
+    def cost(self, /) -> float:
+        """
+        Of the trajectory.
+        """
+    @property
+    def error_names(self, /) -> list[str]:
+        """
+        What `gains` multiply, with units: a rotation vector (body axes) stands where the state has its quaternion.
+        """
+    @property
+    def gains(self, /) -> Any:
+        """
+        K, float64 [N, input, error]: inputs + K @ error is the optimal answer to small errors of the state, 0 for inputs at a bound.
+        """
+    @property
+    def gap(self, /) -> float:
+        """
+        Sum of |x+ - f(x, u)| over all stages: 0 for a flight.
+        """
+    @property
+    def input_names(self, /) -> list[str]:
+        """
+        Names of the columns of `inputs`, with units.
+        """
+    @property
+    def inputs(self, /) -> Any:
+        """
+        float64 [N, input], as `input_names` says.
+        """
+    @property
+    def iterations(self, /) -> dict:
+        """
+        What every iteration came to, float64 arrays [iteration]: "cost" (with squares of violations), "gap", "step" (share of it that was
+        taken, 0 for none), "violation".
+        """
+    @property
+    def solved(self, /) -> bool:
+        """
+        Whether it is within the tolerances of its problem.
+        """
+    @property
+    def state_names(self, /) -> list[str]:
+        """
+        Names of the columns of `states`, with units.
+        """
+    @property
+    def states(self, /) -> Any:
+        """
+        float64 [N + 1, state], as `state_names` says: speeds of rotors are shares of their largest.
+        """
+    @property
+    def status(self, /) -> str:
+        """
+        "solved", "out_of_iterations", "no_step" (none lowers the cost any more) or "violated" (a gate or an obstacle is).
+        """
+    @property
+    def times(self, /) -> Any:
+        """
+        Of the states, s, float64 [N + 1].
+        """
+    @property
+    def violation(self, /) -> float:
+        """
+        Largest violation of a gate or an obstacle, m.
+        """
+
+@final
 class Policy:
     """
     What was learnt: a network over one agent's observation. Actions are the most likely ones.
@@ -431,6 +596,65 @@ class Run:
     def updates(self, /) -> int:
         """
         Updates done.
+        """
+
+@final
+class StageQpSolution:
+    """
+    The solution of a program of linked stages.
+    """
+    def __repr__(self, /) -> str: ...
+    @property
+    def cost(self, /) -> float:
+        """
+        Of the solution.
+        """
+    @property
+    def costates(self, /) -> Any:
+        """
+        Slopes of the cost by the states from each on, with everything behind it, float64 [N + 1, state]: multipliers of the dynamics.
+        """
+    @property
+    def gains(self, /) -> Any:
+        """
+        K, float64 [N, input, state]: inputs + K @ dx is the solution for a state beside its own by dx, as long as the same bounds act.
+        """
+    @property
+    def inputs(self, /) -> Any:
+        """
+        float64 [N, input].
+        """
+    @property
+    def iterations(self, /) -> int:
+        """
+        Riccati recursions.
+        """
+    @property
+    def multipliers(self, /) -> Any:
+        """
+        Slopes of the cost by the inputs with what follows from them, float64 [N, input]: multipliers of their bounds, positive at the lower
+        one, negative at the upper one, 0 between.
+        """
+    @property
+    def residual(self, /) -> float:
+        """
+        Largest violation of the optimality conditions: by how much a projected step would still move an input, as a share of the range
+        between its bounds.
+        """
+    @property
+    def solved(self, /) -> bool:
+        """
+        Whether the residual is within the tolerance.
+        """
+    @property
+    def states(self, /) -> Any:
+        """
+        float64 [N + 1, state], x0 first.
+        """
+    @property
+    def status(self, /) -> str:
+        """
+        "solved", or "stopped": out of iterations, within the bounds.
         """
 
 @final
@@ -1087,6 +1311,26 @@ def lqr(model: StateSpace, Q: Any, R: Any, /) -> Regulator:
         float64, symmetric, positive definite.
     """
 
+def optimise(problem: Any, /, *, guess: Any | None = None, iterations: SupportsIndex | None = None, progress: Any | None = None) -> OptimalTrajectory:
+    """
+    The trajectory of least cost of a problem: a vehicle or a configuration, a start and a goal, gates and obstacles on the way.
+
+    Parameters
+    ----------
+    problem : str or path or dict
+        A built-in name ("flip", "slalom", "landing", "race"), the path of a TOML file, or what stands in one: TOML (a text with `=`) or a
+        dict.
+    guess : OptimalTrajectory or (states, inputs) or inputs, optional
+        Where the search begins, float64 arrays [N + 1, state] and [N, input]; states need not follow from the inputs. Inputs alone are
+        flown from the start. By default as the problem says.
+    iterations : int, optional
+        Most of them; by default as the problem says.
+    progress : callable, optional
+        Called with (iteration, cost, gap, violation) of every iteration. An exception ends the search and is raised.
+
+    A search that ends before the tolerances are met raises nothing: look at `solved` or `status`.
+    """
+
 def plot(curves: dict, /, *, title: str = "", x: str = "", y: str = "", log_x: bool = False, log_y: bool = False) -> Figure:
     """
     Curves in one chart.
@@ -1104,6 +1348,36 @@ def plot(curves: dict, /, *, title: str = "", x: str = "", y: str = "", log_x: b
 def recipes(task: str) -> list[str]:
     """
     Names of the algorithms that have a recipe for a task, the usual one first.
+    """
+
+def solve_stage_qp(A: Any, B: Any, c: Any | None, Q: Any, S: Any | None, R: Any, q: Any | None, r: Any | None, lower: Any | None, upper: Any | None, x0: Any, *, tolerance: SupportsFloat | SupportsIndex = 1e-9, iterations: SupportsIndex = 60) -> StageQpSolution:
+    """
+    Solves a convex quadratic program over N stages that linear dynamics link, with bounds on every input, in time linear in N:
+
+    least sum of x' Q x / 2 + u' S x + u' R u / 2 + q' x + r' u, with x+ = A x + B u + c from x0 on and lower <= u <= upper.
+
+    Parameters
+    ----------
+    A : array [N, state, state]
+    B : array [N, state, input]
+    c : array [N, state], optional
+    Q : array [N + 1, state, state]
+        Symmetric; the last is that of the end.
+    S : array [N, input, state], optional
+    R : array [N, input, input]
+        Symmetric.
+    q : array [N + 1, state], optional
+    r : array [N, input], optional
+    lower, upper : array [N, input], optional
+        -inf and inf where an input has none.
+    x0 : array [state]
+    tolerance : float
+        Largest `residual` of a solution.
+    iterations : int
+        Most recursions.
+
+    All arrays are float64; None stands for zeros, or for no bounds. Raises `ValueError` with the stage where the cost is not convex in the
+    inputs.
     """
 
 def tasks() -> list[str]:

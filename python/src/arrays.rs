@@ -77,6 +77,20 @@ fn fits(got: &[usize], wanted: &[usize]) -> bool {
     long(got) == long(wanted) || long(got) == long(&joined)
 }
 
+/// The lengths of as many axes of an array, whatever it holds.
+pub fn lengths<const N: usize>(name: &str, given: &Bound<'_, PyAny>) -> PyResult<[usize; N]> {
+    let Ok(shape) = given.getattr(intern!(given.py(), "shape")).and_then(|shape| shape.extract::<Vec<usize>>()) else {
+        let kind = given.get_type().name()?;
+        let wanted = "a NumPy array of float64";
+        return Err(PyTypeError::new_err(format!(
+            "{name} is a {kind}, but it must be {wanted}. Pass np.asarray({name}, np.float64)."
+        )));
+    };
+    shape.as_slice().try_into().map_err(|_| {
+        PyValueError::new_err(format!("{name} has the shape {shape:?}, but it must have {N} axes. Reshape it."))
+    })
+}
+
 /// An argument to read.
 ///
 /// What is no NumPy array but says by DLPack where its numbers are, is taken for one: tensors on this machine's memory.

@@ -325,6 +325,12 @@ pub fn matrix<'py>(py: Python<'py>, m: &DMatrix<f64>) -> PyResult<Bound<'py, PyA
     array(py, m.transpose().as_slice().to_vec(), &[m.nrows(), m.ncols()])
 }
 
+/// As many matrices of a shape, the first axis their number.
+pub fn matrices<'py>(py: Python<'py>, all: &[DMatrix<f64>], shape: &[usize; 2]) -> PyResult<Bound<'py, PyAny>> {
+    let rows = all.iter().flat_map(|m| m.transpose().as_slice().to_vec()).collect();
+    array(py, rows, &[all.len(), shape[0], shape[1]])
+}
+
 fn names(signals: &[Signal]) -> Vec<String> {
     let told = |s: &Signal| if s.unit.is_empty() { s.name.clone() } else { format!("{} [{}]", s.name, s.unit) };
     signals.iter().map(told).collect()

@@ -10,6 +10,7 @@
 //! | `system` | loops and allocations that are differentiated through many steps |
 //! | `learn` | training, evaluation, policies |
 //! | `design` | margins of the loop that flies, feedback of least cost |
+//! | `optimal` | trajectories of least cost, model predictive control, programs of linked stages |
 //! | `figure` | the library's plots, for notebooks |
 //! | `control` | vehicles, flights, linear models, allocation, tuning |
 //!
@@ -24,6 +25,7 @@ mod error;
 mod figure;
 mod gradient;
 mod learn;
+mod optimal;
 mod settings;
 mod system;
 
@@ -51,7 +53,8 @@ mod _core {
         _evaluation, _fly_shard, _restore_policy, Controller, Policy, Progress, Run, evaluate, load_policy, recipes,
         train,
     };
-
+    #[pymodule_export]
+    use super::optimal::{Mpc, OptimalTrajectory, StageQpSolution, optimise, solve_stage_qp};
     #[pymodule_export]
     use super::system::{AllocationFunction, Loop, System};
 

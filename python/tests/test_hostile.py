@@ -263,7 +263,7 @@ THINGS = THINGS | st.lists(THINGS, max_size=3) | st.dictionaries(st.text(max_siz
 NAMES = st.sampled_from(omnidrones.tasks()) | st.text(max_size=6)
 KEYS = st.sampled_from("n_env seed control actions dt substeps observation randomise vehicle task horizon autoreset x".split())
 MEMBERS = st.sampled_from([name for name in dir(omnidrones.VecEnv) if name == "__reduce__" or not name.startswith("_")])
-FUNCTIONS = ["make", "Vehicle", "allocate", "fly", "linearise", "load_policy", "evaluate"]
+FUNCTIONS = ["make", "Vehicle", "allocate", "fly", "linearise", "load_policy", "evaluate", "optimise", "Mpc", "solve_stage_qp"]
 
 # 10000 for the whole number: HYPOTHESIS_CALLS=10000 .ci/python -k random_calls
 CALLS = int(os.environ.get("HYPOTHESIS_CALLS", "300"))

@@ -59,6 +59,8 @@ pub struct IlqrIteration {
     pub cost: f64,
     /// Σ |c| of its gaps.
     pub gap: f64,
+    /// Largest violation of a condition of that trajectory.
+    pub violation: f64,
     /// By how much the program expected the cost to fall.
     pub expected: f64,
     /// α; 0 where none was taken.
@@ -202,6 +204,22 @@ impl Ilqr {
         settings: &IlqrSettings,
         mut progress: impl FnMut(usize, &IlqrIteration),
     ) -> Result<IlqrReport> {
+        self.solve_while(problem, settings, |k, iteration| {
+            progress(k, iteration);
+            true
+        })
+    }
+
+    /// As [`solve`](Self::solve), as long as `goes_on` answers an iteration with yes; it is out of iterations behind a no.
+    ///
+    /// # Errors
+    /// As [`solve`](Self::solve).
+    pub fn solve_while(
+        &mut self,
+        problem: &OptimalProblem,
+        settings: &IlqrSettings,
+        mut goes_on: impl FnMut(usize, &IlqrIteration) -> bool,
+    ) -> Result<IlqrReport> {
         settings.validate()?;
         self.knows_costates = false;
         let mut iterations = Vec::new();
@@ -211,7 +229,12 @@ impl Ilqr {
         conditions.weights.fill(settings.penalty);
         let mut last_violation = f64::INFINITY;
         for round in 0.. {
-            let status = self.descend(problem, settings, round, &mut iterations, &mut progress)?;
+            let mut is_told_to_stop = false;
+            let mut told = |k: usize, iteration: &IlqrIteration| {
+                is_told_to_stop = !goes_on(k, iteration);
+                !is_told_to_stop
+            };
+            let status = self.descend(problem, settings, round, &mut iterations, &mut told)?;
             let (cost, gap) = self.judged(problem);
             let violation = self.violation(problem);
             let report = |status| IlqrReport { status, cost, gap, violation, iterations: iterations.clone() };
@@ -219,7 +242,7 @@ impl Ilqr {
             if !has_conditions || is_kept && status == IlqrStatus::Solved {
                 return Ok(report(status));
             }
-            if iterations.len() >= settings.max_iterations {
+            if is_told_to_stop || iterations.len() >= settings.max_iterations {
                 return Ok(report(IlqrStatus::OutOfIterations));
             }
             if round + 1 >= settings.max_rounds {
@@ -239,7 +262,7 @@ impl Ilqr {
         settings: &IlqrSettings,
         round: usize,
         iterations: &mut Vec<IlqrIteration>,
-        progress: &mut impl FnMut(usize, &IlqrIteration),
+        goes_on: &mut impl FnMut(usize, &IlqrIteration) -> bool,
     ) -> Result<IlqrStatus> {
         let (mut factor, mut weight_of_gaps) = (0.0_f64, 0.0_f64);
         let mut is_first = true;
@@ -250,6 +273,7 @@ impl Ilqr {
                 return Err(Error::value("cost of the first guess", cost, "finite", remedy));
             }
             is_first = false;
+            let violation = self.violation(problem);
             let scale = self.largest_curvature();
             let mut is_exact = self.knows_costates && problem.model().has_curvature();
             if is_exact {
@@ -316,6 +340,7 @@ impl Ilqr {
             let mut iteration = IlqrIteration {
                 cost,
                 gap,
+                violation,
                 expected: -expected,
                 step: 0.0,
                 regularisation: factor * scale,
@@ -325,11 +350,15 @@ impl Ilqr {
             if let Some(found) = taken {
                 std::mem::swap(&mut self.trajectory, &mut self.trial);
                 (iteration.cost, iteration.gap, iteration.step) = (found, (1.0 - alpha) * gap, alpha);
+                iteration.violation = self.violation(problem);
                 factor = if alpha > 0.5 { 0.1 * factor } else { factor };
                 factor = if factor < REGULARISATION[0] { 0.0 } else { factor };
             }
-            progress(iterations.len(), &iteration);
+            let is_told_to_stop = !goes_on(iterations.len(), &iteration);
             iterations.push(iteration);
+            if is_told_to_stop {
+                return Ok(IlqrStatus::OutOfIterations);
+            }
             if taken.is_none() {
                 if factor >= REGULARISATION[1] {
                     return Ok(if is_closed { IlqrStatus::NoStep } else { IlqrStatus::OutOfIterations });

@@ -209,6 +209,32 @@ impl PlannedPlant {
         own.collect()
     }
 
+    /// Names and units of the states; speeds of rotors are shares.
+    pub fn state_names(&self) -> Vec<(String, &'static str)> {
+        let names = self.plant.state_quantities();
+        let own = self.kept.iter().zip(&self.units);
+        own.map(|(k, unit)| (names[*k].name.clone(), if *unit == 1.0 { names[*k].unit } else { "-" })).collect()
+    }
+
+    /// Names and units of the numbers of an error, which gains multiply; those of a rotation vector stand where its quaternion did.
+    ///
+    /// # Errors
+    /// As [`errors`](Self::errors).
+    pub fn error_names(&self) -> Result<Vec<(String, &'static str)>> {
+        let (names, errors) = (self.state_names(), self.errors()?);
+        let mut all = Vec::with_capacity(errors.n_error());
+        errors.each(|at, _, turns| {
+            let (name, unit) = &names[at];
+            if turns {
+                let stem = name.trim_end_matches("_w");
+                all.extend(["x", "y", "z"].map(|axis| (format!("{stem}_{axis}"), "rad")));
+            } else {
+                all.push((name.clone(), *unit));
+            }
+        });
+        Ok(all)
+    }
+
     /// The whole state of the plant with rotors at the speeds that inputs command, where they are no states.
     pub fn plant_state(&self, state: &[f64], inputs: &[f64]) -> Vec<f64> {
         self.whole(state, inputs)

@@ -559,6 +559,16 @@ impl QpSolver {
         &self.costates.of(stage)[first..first + n]
     }
 
+    /// Slopes of the cost by the inputs of a stage, `[m]`, with what follows from them: the multipliers of their bounds, ≥ 0 at the lower one,
+    /// ≤ 0 at the upper one, 0 of free inputs but for rounding.
+    ///
+    /// # Panics
+    /// For a stage beyond N − 1.
+    pub fn multiplier(&self, stage: usize) -> &[f64] {
+        assert!(stage < self.sizes.stages, "stage {stage} of {}", self.sizes.stages);
+        &self.costates.of(stage)[..self.sizes.m]
+    }
+
     /// Whether an input is free, not held at a bound, in the last factorisation.
     ///
     /// # Panics

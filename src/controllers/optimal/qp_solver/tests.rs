@@ -252,6 +252,22 @@ fn random_programs_are_solved_to_rounding_within_their_bounds() {
 }
 
 #[test]
+fn multipliers_are_slopes_of_the_cost_by_inputs_with_what_follows_from_them() {
+    let mut draw = Stream::new(3, 0, 0, Purpose::TASK);
+    for _ in 0..100 {
+        let open = Open::drawn(&mut draw, [8, 4, 12]);
+        let qp = open.program();
+        let mut solver = QpSolver::new(&qp);
+        solver.solve(&qp, &open.start, &QpSettings::default());
+        let (_, slope) = open.cost(&inputs_of(&solver));
+        let size = slope.iter().fold(1.0_f64, |size, g| size.max(g.abs()));
+        let own: Vec<f64> = (0..qp.n_stage()).flat_map(|k| solver.multiplier(k).to_vec()).collect();
+        let worst = own.iter().zip(&slope).map(|(own, g)| (own - g).abs()).fold(0.0, f64::max);
+        assert!(worst <= 1e-7 * size, "{worst} of {size}, {:?}", open.sizes());
+    }
+}
+
+#[test]
 fn costs_are_those_of_clarabel() {
     let mut draw = Stream::new(2, 0, 0, Purpose::TASK);
     let mut n_solved = 0;
