@@ -564,7 +564,7 @@ pub fn solve_stage_qp<'py>(
         .detach(|| {
             finite("x0", x0)?;
             let mut qp = StageQp::new(n, m, stages)?;
-            if !(tolerance > 0.0) {
+            if tolerance.is_nan() || tolerance <= 0.0 {
                 return Err(Error::value("tolerance", tolerance, "> 0", "Leave it out for the default."));
             }
             let matrix = |rows: &[f64], k: usize, (i, j): (usize, usize)| match rows {
