@@ -135,6 +135,26 @@ impl ErrorState {
         x
     }
 
+    /// Makes its quaternions unit ones.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for one of no length, which turns nowhere.
+    pub(crate) fn unite(&self, x: &mut [f64]) -> Result<()> {
+        for at in &self.quaternions {
+            let own = &mut x[*at..*at + 4];
+            let largest = own.iter().fold(0.0_f64, |most, q| most.max(q.abs()));
+            if largest == 0.0 {
+                let remedy = "Give it a direction: [1, 0, 0, 0] does not turn.";
+                return Err(Error::value("quaternion of the state", "0", "of length one", remedy));
+            }
+            // by its largest number first, whose square may overflow
+            own.iter_mut().for_each(|q| *q /= largest);
+            let length = own.iter().map(|q| q * q).sum::<f64>().sqrt();
+            own.iter_mut().for_each(|q| *q /= length);
+        }
+        Ok(())
+    }
+
     /// x ⊕ δ in place of x.
     pub(crate) fn move_by(&self, x: &mut [f64], error: &[f64]) {
         self.each(|at, to, turns| {

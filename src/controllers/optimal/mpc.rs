@@ -9,15 +9,15 @@
 //! - What moves the root beyond the model, force and moment, is estimated: d̂⁺ = d̂ + (1 − e^(−LT)) (v − v̂)/g, with v̂ the velocities that the
 //!   model foretold for this tick and g what a force or a moment changes of its own in a tick. The plan flies with d̂.
 //! - Commands that act late are answered for: the plan begins at the state that the model has when its commands will act.
-//! - A tick whose program fails flies on with the plan of the last; after ten of them in a row the fallback flies, until a plan is
-//!   found again. Both are counted and [told](Controller::notes).
+//! - A tick whose program fails plans anew from the reference; where that fails too, it flies on with the plan of the last. After ten of
+//!   them in a row the fallback flies, until a plan is found again. Both are counted and [told](Controller::notes).
 //!
 //! Source: Sun, Romero, Foehn, Kaufmann, Scaramuzza 2022 (weights, horizon); Rawlings, Mayne and Diehl 2017, sections 1.3 and 1.5 (end,
 //! disturbance models).
 
 use super::flat_motion::FlatMotion;
 use super::planned_plant::{PlannedInput, PlannedPlant};
-use super::problem::{OptimalProblem, length};
+use super::problem::{OptimalProblem, OptimalTrajectory, length};
 use super::real_time::{RealTimeIteration, TickReport};
 use super::stage_model::StageModel;
 use super::stage_qp::SoftBound;
@@ -44,8 +44,11 @@ const PATIENCE: u64 = 10;
 /// Share of its thrust that a lost rotor counts as keeping.
 const STOPPED: f64 = 1e-6;
 
-/// Programs of the first tick, and after plans were lost.
+/// Programs of a tick that begins at the reference: the first, and where the plan of the last led nowhere.
 const FIRST_ITERATIONS: usize = 15;
+
+/// Largest step that counts as none.
+const SHORTEST: f64 = 1e-9;
 
 /// A soft bound of a number of the plant's state.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -121,6 +124,8 @@ pub struct Mpc {
     cost: TrackingCost,
     flat: FlatMotion,
     iteration: RealTimeIteration,
+    /// The plan of the last tick, carried on.
+    standby: OptimalTrajectory,
     observer: Observer,
     /// Steps of the plant between two ticks.
     every: u64,
@@ -184,6 +189,7 @@ impl Mpc {
             falls_back: false,
             statistics: MpcStatistics::default(),
             last: None,
+            standby: OptimalTrajectory::default(),
             step: 0,
             failed: 0,
             is_fresh: true,
@@ -328,18 +334,26 @@ impl Mpc {
         }
         let late = self.settings.latency as f64 * self.believed.physics().dt;
         let ahead = self.when_commands_act(seen.state);
-        let state = self.planned.state_of(&ahead)?;
+        let mut state = self.planned.state_of(&ahead)?;
         base::error::finite("state", &state)?;
+        self.iteration.problem().model().errors.unite(&mut state)?;
         let time = seen.time + late;
         self.aim(target, time, [state[6], state[7], state[8], state[9]])?;
-        if self.is_fresh {
-            self.begin_at_reference(target, time, &state)?;
-        }
-        let iterations = if self.is_fresh { FIRST_ITERATIONS } else { self.settings.iterations };
-        let report = self.iteration.tick(&state, iterations, 1e-9);
+        self.standby.clone_from(self.iteration.plan());
+        let about = |own: &mut Self, iterations| own.iteration.tick(&state, iterations, SHORTEST);
+        let report = match (!self.is_fresh).then(|| about(self, self.settings.iterations)) {
+            Some(report) if report.is_planned => report,
+            before => {
+                self.begin_at_reference(target, time, &state)?;
+                let report = about(self, FIRST_ITERATIONS);
+                TickReport { recursions: report.recursions + before.map_or(0, |own| own.recursions), ..report }
+            }
+        };
         self.last = Some(report);
         self.statistics.recursions += report.recursions as u64;
-        if !report.is_usable() {
+        if !report.is_planned {
+            // the plan of the last flies on
+            self.iteration.begin_with(&self.standby)?;
             return Err(Error::value("program of a tick", format!("{:?}", report.qp.status), "solved", "Fly on."));
         }
         self.statistics.residual = self.statistics.residual.max(report.qp.residual);

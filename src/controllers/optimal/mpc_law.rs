@@ -120,7 +120,7 @@ impl Inner {
         own.problem_mut().set_start(state)?;
         own.begin_with(&plan)?;
         let report = own.tick(state, MOST_PROGRAMS, CONVERGED);
-        if report.is_usable() && report.step <= 1e-7 {
+        if report.step <= 1e-7 {
             return Ok(());
         }
         Err(Error::value("last step of a tick", report.step, "below 1e-7", "Start nearer to the reference."))

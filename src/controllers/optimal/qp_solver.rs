@@ -522,6 +522,9 @@ impl QpSolver {
             let (z, slope, pivots) = (self.z.of(k), self.costates.of(k), self.factors.pivots.of(k));
             let (lower, upper) = (qp.lower.of(k), qp.upper.of(k));
             for i in 0..m {
+                if !slope[i].is_finite() {
+                    return f64::NAN; // a bound would hide it
+                }
                 let range = upper[i] - lower[i];
                 let moved = z[i] - (z[i] - slope[i] / pivots[i]).max(lower[i]).min(upper[i]);
                 let own = if range.is_finite() { moved.abs() / range.max(f64::MIN_POSITIVE) } else { moved.abs() };

@@ -15,8 +15,17 @@ use base::error::Result;
 /// Gaps of a plan, on average over its stages and in SI units, above which it is rolled out anew.
 const LARGEST_GAP: f64 = 5.0;
 
+/// Numbers of states above which a flight under the inputs of the plan is no better guess than the plan.
+const LARGEST_STATE: f64 = 1e6;
+
 /// Share of what a step is expected to gain that it must gain.
 const ENOUGH: f64 = 0.05;
+
+/// Least share of a step.
+const SHORTEST_SHARE: f64 = 0.125;
+
+/// Programs behind the first of a tick do not make cost and gaps so many times as large: from far away, they may lead ever farther.
+const MOST_GROWTH: f64 = 2.0;
 
 /// A receding problem and the plan that stands.
 #[derive(Debug, Clone)]
@@ -44,15 +53,10 @@ pub struct TickReport {
     pub cost: f64,
     /// Σ |c| of its gaps.
     pub gap: f64,
-    /// Largest number of the last step: of inputs in their ranges, of states in SI units.
+    /// Largest number of the last step: of inputs in their ranges, of states in SI units; NaN where it was not gone.
     pub step: f64,
-}
-
-impl TickReport {
-    /// Whether the plan can be flown: its program was solved, or stopped within its bounds.
-    pub fn is_usable(&self) -> bool {
-        matches!(self.qp.status, QpStatus::Solved | QpStatus::Stopped) && self.step.is_finite()
-    }
+    /// Whether the plan comes from this tick: its first program was solved, or stopped within its bounds, and led somewhere.
+    pub is_planned: bool,
 }
 
 impl RealTimeIteration {
@@ -143,20 +147,19 @@ impl RealTimeIteration {
     pub fn tick(&mut self, state: &[f64], iterations: usize, tolerance: f64) -> TickReport {
         let n = self.problem.model().n_state();
         assert_eq!(state.len(), n, "states");
-        let mut recursions = 0;
-        let mut report = self.iterate(state, false);
-        recursions += report.qp.iterations;
+        let mut report = self.iterate(state, false, f64::INFINITY);
         for _ in 1..iterations {
-            if !report.is_usable() || report.step <= tolerance && report.gap <= tolerance {
+            if !report.step.is_finite() || report.step <= tolerance && report.gap <= tolerance {
                 break;
             }
-            report = self.iterate(state, self.problem.model().has_curvature());
-            recursions += report.qp.iterations;
+            let next = self.iterate(state, self.problem.model().has_curvature(), MOST_GROWTH);
+            report = TickReport { recursions: report.recursions + next.recursions, is_planned: true, ..next };
         }
-        TickReport { recursions, ..report }
+        report
     }
 
-    fn iterate(&mut self, state: &[f64], is_exact: bool) -> TickReport {
+    /// One program about the plan, and its step unless that makes cost and gaps so many times as large.
+    fn iterate(&mut self, state: &[f64], is_exact: bool, growth: f64) -> TickReport {
         let n = self.problem.model().n_state();
         let mut expanded = self.expansion.expand(&self.problem, &self.plan);
         if !(expanded.gap <= LARGEST_GAP * self.problem.n_stage() as f64 && expanded.cost.is_finite()) {
@@ -181,16 +184,16 @@ impl RealTimeIteration {
                 own.copy_from_slice(self.solver.costate(k + 1));
             }
         }
-        let mut step = 0.0;
+        let mut step = f64::NAN;
         if matches!(qp.status, QpStatus::Solved | QpStatus::Stopped) {
-            step = self.advance(cost, gap);
+            step = self.advance(cost, gap, growth);
         }
-        TickReport { qp, recursions: qp.iterations, cost, gap, step }
+        TickReport { qp, recursions: qp.iterations, cost, gap, step, is_planned: step.is_finite() }
     }
 
-    /// Goes the longest of the shares 1, ½, ¼, ⅛ of the step that lowers the cost with its gaps, the shortest if none does; the largest
-    /// number of the whole step. Nothing where it is not finite.
-    fn advance(&mut self, cost: f64, gap: f64) -> f64 {
+    /// Goes the longest of the shares 1, ½, ¼, ⅛ of the step that lowers the cost with its gaps; where none does the shortest, unless that
+    /// makes them so many times as large. The largest number of the whole step; NaN where none was gone.
+    fn advance(&mut self, cost: f64, gap: f64, growth: f64) -> f64 {
         let stages = self.problem.n_stage();
         // a gap costs at most its costate
         let of_stage = |k: usize| self.solver.costate(k).iter().fold(0.0, |most: f64, x| most.max(x.abs()));
@@ -204,11 +207,8 @@ impl RealTimeIteration {
             let (found, left) = self.judge_trial();
             let own = found + weight * (left + (1.0 - length) * self.error.iter().map(|e| e.abs()).sum::<f64>());
             let is_lower = own <= merit + ENOUGH * length * slope + 1e-12 * merit.abs();
-            if !step.is_finite() {
-                return step; // the plan of before stays
-            }
-            if is_lower || length <= 0.125 {
-                if !own.is_finite() {
+            if is_lower || length <= SHORTEST_SHARE {
+                if !(own.is_finite() && step.is_finite() && own <= growth * merit.abs().max(1.0)) {
                     return f64::NAN;
                 }
                 std::mem::swap(&mut self.plan, &mut self.trial);
@@ -258,21 +258,19 @@ impl RealTimeIteration {
         (cost + expansion.soft_cost(trial), gap)
     }
 
-    /// States that follow from a state and the inputs of the plan, as far as they are finite.
+    /// States that follow from a state and the inputs of the plan; the plan stays where they lead beyond all measure.
     fn roll_out(&mut self, state: &[f64]) {
         let (n, m) = (self.problem.model().n_state(), self.problem.model().n_input());
-        self.plan.states[..n].copy_from_slice(state);
+        self.trial.states[..n].copy_from_slice(state);
         for k in 0..self.problem.n_stage() {
-            let (own, next) = self.plan.states[k * n..(k + 2) * n].split_at_mut(n);
+            let (own, next) = self.trial.states[k * n..(k + 2) * n].split_at_mut(n);
             self.expansion.evaluate(&self.problem, k, own, &self.plan.inputs[k * m..(k + 1) * m]);
-            let found = &self.expansion.work.single_results[..n];
-            if found.iter().all(|x| x.is_finite()) {
-                next.copy_from_slice(found);
-            } else {
-                next.copy_from_slice(own);
-            }
+            next.copy_from_slice(&self.expansion.work.single_results[..n]);
         }
-        self.solver.forget();
+        if self.trial.states.iter().all(|x| x.abs() <= LARGEST_STATE) {
+            std::mem::swap(&mut self.plan.states, &mut self.trial.states);
+            self.solver.forget();
+        }
     }
 
     /// uₖ of the plan, `[n_input]`.

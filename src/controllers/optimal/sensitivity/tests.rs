@@ -39,7 +39,7 @@ fn problem() -> (OptimalProblem, Vec<f64>) {
 fn solved(problem: &OptimalProblem, inputs: &[f64]) -> RealTimeIteration {
     let mut iteration = RealTimeIteration::new(problem.clone(), inputs).unwrap();
     let report = iteration.tick(problem.start(), 200, 1e-13);
-    assert!(report.is_usable() && report.step < 1e-9, "{report:?}");
+    assert!(report.is_planned && report.step < 1e-9, "{report:?}");
     iteration
 }
 
