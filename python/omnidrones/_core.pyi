@@ -80,14 +80,15 @@ class AllocationFunction(System):
 class Controller:
     """
     The library's own controllers as a policy: what learners have to beat. One per environment in rotor mode, which sees the true
-    state; `controller(env)` gives actions [E, A, action].
+    state; `controller(env)` gives actions [E, A, action]. With a `name` of the table of controllers, as "mpc", that one flies in place
+    of the usual one, where it is made for what flies. All environments are flown at once on the environment's threads.
     """
     def __call__(self, /, env: VecEnv) -> Any:
         """
         Actions of all agents for the state as it is, a new float32 array [E, A, action]. `reset` of an environment needs a new
         controller, or `forget`.
         """
-    def __new__(cls, /, env: VecEnv) -> Controller: ...
+    def __new__(cls, /, env: VecEnv, name: str | None = None) -> Controller: ...
     def forget(self, /, environment: SupportsIndex) -> None:
         """
         Makes a new controller for one environment at the next call: where an episode began.

@@ -500,15 +500,22 @@ pub fn load_policy(py: Python<'_>, path: PathBuf) -> PyResult<Policy> {
 }
 
 /// The library's own controllers as a policy: what learners have to beat. One per environment in rotor mode, which sees the true
-/// state; `controller(env)` gives actions [E, A, action].
+/// state; `controller(env)` gives actions [E, A, action]. With a `name` of the table of controllers, as "mpc", that one flies in place
+/// of the usual one, where it is made for what flies. All environments are flown at once on the environment's threads.
 #[pyclass(module = "omnidrones", frozen)]
 pub struct Controller(Mutex<tasks::Baseline>);
 
 #[pymethods]
 impl Controller {
     #[new]
-    fn new(env: &crate::batch::VecEnv) -> PyResult<Self> {
-        Ok(Self(Mutex::new(tasks::Baseline::new(&env.env).or_raise()?)))
+    #[pyo3(signature = (env, name=None))]
+    fn new(py: Python<'_>, env: &crate::batch::VecEnv, name: Option<&str>) -> PyResult<Self> {
+        let env = &env.env;
+        let made = py.detach(|| match name {
+            Some(name) => tasks::Baseline::with_controller(env, name),
+            None => tasks::Baseline::new(env),
+        });
+        Ok(Self(Mutex::new(made.or_raise()?)))
     }
 
     /// What flies, in one word.
@@ -523,7 +530,8 @@ impl Controller {
         let spec = env.env.spec();
         let shape = [spec.n_env, spec.n_agent, spec.action.len()];
         let mut actions = vec![0.0_f32; shape.iter().product()];
-        self.lock()?.act(&env.env, &mut actions).or_raise()?;
+        let (mut own, env) = (self.lock()?, &env.env);
+        py.detach(|| own.act(env, &mut actions)).or_raise()?;
         array(py, actions, &shape)
     }
 

@@ -99,6 +99,23 @@ def test_the_librarys_controller_flies_a_batch():
         controller(omnidrones.make("Hover", 5))
 
 
+def test_a_controller_of_the_table_flies_a_batch_with_the_same_bits_on_any_threads():
+    def flown(threads):
+        env = omnidrones.make("PayloadHover", 3, autoreset="disabled", horizon=5, threads=threads)
+        env.reset(1)
+        controller = omnidrones.Controller(env, name="mpc")
+        assert controller.name == "mpc"
+        actions = [controller(env)]
+        env.step(actions[0])
+        return np.concatenate([*actions, controller(env)])
+
+    assert np.array_equal(flown(1), flown(2))
+    env = omnidrones.make("PayloadHover", 1)
+    for name, words in [("mpx", "did you mean 'mpc'"), ("cascade", "take one that flies it: lqr, formation, mpc")]:
+        with pytest.raises(ValueError, match=words):
+            omnidrones.Controller(env, name)
+
+
 def test_recipes_name_the_algorithms_of_a_task():
     assert omnidrones.recipes("hover") == ["apg", "shac", "ppo", "sac", "td3", "dqn", "qmix"]
     with pytest.raises(ValueError, match="Hover"):

@@ -70,6 +70,8 @@ pub(crate) mod collision_parts;
 pub mod confidence;
 #[doc(hidden)]
 pub mod controller;
+#[doc(hidden)]
+pub mod controller_batch;
 pub mod design;
 #[doc(hidden)]
 pub mod fault_tolerant;
@@ -135,6 +137,7 @@ pub use chain_shape::{ChainRamp, ChainShape};
 pub use closed_loop::{ClosedLoop, ExogenousInputs};
 pub use confidence::{Proportion, Quantile, clopper_pearson};
 pub use controller::{Controller, Measurement, Note, Passive, Target};
+pub use controller_batch::ControllerBatch;
 pub use fault_tolerant::FaultTolerant;
 pub use flight::{Flight, FlightPlan, SmoothPoint, fly, fly_from, fly_vehicle, fly_while};
 pub use flight_check::{FlightCheck, Mishap, check_flight};

@@ -4,12 +4,13 @@
 //! [`default_controller`](controllers::registry::default_controller). All see the true state, the true masses of their episode (a free
 //! drone all its numbers) and what the task [tracks](super::Task::reference), and act on the rotors.
 
-use super::baseline_controllers::BaselineControllers;
+use super::baseline_controllers::{Asked, BaselineControllers};
 use super::env::{Buffers, Env};
 use super::robot::Robot;
 use super::task::TaskReference;
 use base::error::{Error, Result};
 use controllers::cascade::Level;
+use controllers::optimal::MpcSettings;
 
 /// One controller per environment.
 pub struct Baseline {
@@ -17,8 +18,7 @@ pub struct Baseline {
     seats: Vec<Option<Seat>>,
     failures: Vec<(usize, Error)>,
     name: String,
-    /// What it was asked for.
-    named: Option<String>,
+    asked: Option<Asked>,
     dt: f64,
     n_action: usize,
     /// Of the environment it was made for: what flies is numbered so.
@@ -49,10 +49,18 @@ impl Baseline {
     /// # Errors
     /// As [`new`](Self::new), and for a name that there is not or a robot that it is not made for.
     pub fn with_controller(env: &Env, name: &str) -> Result<Self> {
-        Self::made(env, Some(name))
+        Self::made(env, Some(Asked { name: name.to_string(), mpc: None }))
     }
 
-    fn made(env: &Env, named: Option<&str>) -> Result<Self> {
+    /// Likewise with `mpc`, which plans by these settings.
+    ///
+    /// # Errors
+    /// As [`with_controller`](Self::with_controller), and as [`MpcSettings::validate`].
+    pub fn with_mpc(env: &Env, settings: &MpcSettings) -> Result<Self> {
+        Self::made(env, Some(Asked { name: "mpc".to_string(), mpc: Some(settings.clone()) }))
+    }
+
+    fn made(env: &Env, asked: Option<Asked>) -> Result<Self> {
         let spec = env.spec();
         if spec.config.control != Level::Rotor {
             let remedy = "Leave `control` out.";
@@ -62,11 +70,11 @@ impl Baseline {
             let what = format!("task {}: reference", spec.task);
             return Err(Error::value(what, "none", "one that a controller can track", "Try --controller random."));
         }
-        let name = BaselineControllers::of(env.robot(), &env.parameters(0)?, spec.dt, named)?.name().to_string();
+        let name =
+            BaselineControllers::of(env.robot(), &env.parameters(0)?, spec.dt, asked.as_ref())?.name().to_string();
         let seats = (0..spec.n_env).map(|_| None).collect();
         let n_action = spec.n_agent * spec.action.len();
-        let (failures, named) = (Vec::new(), named.map(String::from));
-        Ok(Self { seats, failures, name, named, dt: spec.dt, n_action, config_hash: env.config_hash() })
+        Ok(Self { seats, failures: Vec::new(), name, asked, dt: spec.dt, n_action, config_hash: env.config_hash() })
     }
 
     /// Name of the controller that flies, in one word.
@@ -74,8 +82,9 @@ impl Baseline {
         &self.name
     }
 
-    /// Actions of all agents of all environments, `[E, A, action]` in [−1, 1], for the state as it is. An environment whose numbers no
-    /// controller can fly keeps its rotors at hover speed: see [`Baseline::failures`].
+    /// Actions of all agents of all environments, `[E, A, action]` in [−1, 1], for the state as it is, computed on the threads of the
+    /// environment, whose number changes no bit. An environment whose numbers no controller can fly keeps its rotors at hover speed: see
+    /// [`Baseline::failures`].
     ///
     /// # Errors
     /// [`Error::Value`] for another environment than the one it was made for, or actions of the wrong length.
@@ -89,16 +98,11 @@ impl Baseline {
             let remedy = "Rows are [environment, agent, action], row-major.";
             return Err(Error::value("length of actions", actions.len(), wanted.to_string(), remedy));
         }
-        for i in 0..self.seats.len() {
-            let state: Vec<f64> = env.state(i)?.iter().map(|x| f64::from(*x)).collect();
-            if self.seats[i].is_none() {
-                self.seats[i] = Some(self.seat(env, i)?);
-            }
-            let Some(seat) = &mut self.seats[i] else { continue };
-            seat.fly(env.robot(), &state, self.dt);
-            let places = env.robot().command_places(env.spec().action.len());
-            let own = actions[i * self.n_action..].iter_mut();
-            places.zip(own).for_each(|(place, a)| *a = place.map_or(0.0, |k| seat.input[k].clamp(-1.0, 1.0) as f32));
+        let Self { seats, asked, dt, n_action, failures, .. } = self;
+        let mut rows: Vec<Row<'_>> = seats.iter_mut().zip(actions.chunks_mut(*n_action)).map(Row::new).collect();
+        env.threads().for_each(&mut rows, |i, row| row.flown = row.fly(env, i, *dt, asked.as_ref()));
+        for (i, row) in rows.into_iter().enumerate() {
+            failures.extend(row.flown?.map(|error| (i, error)));
         }
         Ok(())
     }
@@ -119,20 +123,51 @@ impl Baseline {
     pub fn policy(&mut self) -> impl FnMut(&Env, &Buffers, &mut [f32]) -> Result<()> + '_ {
         |env, _, actions| self.act(env, actions)
     }
+}
 
-    fn seat(&mut self, env: &Env, environment: usize) -> Result<Seat> {
+/// One environment in one call.
+struct Row<'a> {
+    seat: &'a mut Option<Seat>,
+    actions: &'a mut [f32],
+    /// Why nobody flies from this call on.
+    flown: Result<Option<Error>>,
+}
+
+impl<'a> Row<'a> {
+    fn new((seat, actions): (&'a mut Option<Seat>, &'a mut [f32])) -> Self {
+        Self { seat, actions, flown: Ok(None) }
+    }
+
+    fn fly(&mut self, env: &Env, environment: usize, dt: f64, asked: Option<&Asked>) -> Result<Option<Error>> {
         let robot = env.robot();
-        let crew = BaselineControllers::of(robot, &env.parameters(environment)?, self.dt, self.named.as_deref())
-            .unwrap_or_else(|error| {
-                self.failures.push((environment, error));
-                BaselineControllers::Nobody
-            });
-        let reference = env.reference(environment)?.unwrap_or(TaskReference::point([0.0; 3], 0.0));
-        Ok(Seat { crew, reference, input: robot.hover_input(), step: 0 })
+        let state: Vec<f64> = env.state(environment)?.iter().map(|x| f64::from(*x)).collect();
+        let mut failure = None;
+        if self.seat.is_none() {
+            let (seat, error) = Seat::new(env, environment, dt, asked)?;
+            (*self.seat, failure) = (Some(seat), error);
+        }
+        if let Some(seat) = self.seat {
+            seat.fly(robot, &state, dt);
+            let places = robot.command_places(env.spec().action.len()).zip(self.actions.iter_mut());
+            places.for_each(|(place, a)| *a = place.map_or(0.0, |k| seat.input[k].clamp(-1.0, 1.0) as f32));
+        }
+        Ok(failure)
     }
 }
 
 impl Seat {
+    /// With what kept a controller from being made.
+    fn new(env: &Env, environment: usize, dt: f64, asked: Option<&Asked>) -> Result<(Self, Option<Error>)> {
+        let robot = env.robot();
+        let crew = BaselineControllers::of(robot, &env.parameters(environment)?, dt, asked);
+        let (crew, failure) = match crew {
+            Ok(crew) => (crew, None),
+            Err(error) => (BaselineControllers::Nobody, Some(error)),
+        };
+        let reference = env.reference(environment)?.unwrap_or(TaskReference::point([0.0; 3], 0.0));
+        Ok((Self { crew, reference, input: robot.hover_input(), step: 0 }, failure))
+    }
+
     fn fly(&mut self, robot: &Robot, state: &[f64], dt: f64) {
         let time = self.step as f64 * dt;
         self.step += 1;

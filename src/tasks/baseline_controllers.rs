@@ -6,10 +6,18 @@ use base::error::{Error, Result};
 use controllers::cascade::{Cascade, Rates};
 use controllers::controller::{Controller, Measurement, Target};
 use controllers::kinematics::Kinematics;
-use controllers::registry::{Setup, controller, default_controller, swift};
+use controllers::optimal::MpcSettings;
+use controllers::registry::{REGISTRY, Setup, controller, default_controller, swift};
 use dynamics::rigid::{RIGID_DIM, vehicle_of};
 use dynamics::tree::Model;
 use dynamics::{Inertia, Plant, Rotor, Vehicle};
+
+/// A controller of the registry in place of the usual ones.
+pub(crate) struct Asked {
+    pub name: String,
+    /// How `mpc` plans; without, as suits what flies.
+    pub mpc: Option<MpcSettings>,
+}
 
 /// Controllers of everything that flies in one environment, all levels in every step.
 pub(crate) enum BaselineControllers {
@@ -22,10 +30,10 @@ pub(crate) enum BaselineControllers {
 }
 
 impl BaselineControllers {
-    /// For a robot with these numbers, in steps of `dt` seconds; of the registry's controllers the one of that name, or the usual ones.
-    pub(crate) fn of(robot: &Robot, numbers: &[f64], dt: f64, name: Option<&str>) -> Result<Self> {
-        if let Some(name) = name {
-            return Self::named(robot, numbers, dt, name);
+    /// For a robot with these numbers, in steps of `dt` seconds: the one that is asked for, or the usual ones.
+    pub(crate) fn of(robot: &Robot, numbers: &[f64], dt: f64, asked: Option<&Asked>) -> Result<Self> {
+        if let Some(asked) = asked {
+            return Self::asked(robot, numbers, dt, asked);
         }
         match robot.plant() {
             Plant::Rigid(m) => {
@@ -49,13 +57,18 @@ impl BaselineControllers {
         }
     }
 
-    fn named(robot: &Robot, numbers: &[f64], dt: f64, name: &str) -> Result<Self> {
+    fn asked(robot: &Robot, numbers: &[f64], dt: f64, Asked { name, mpc }: &Asked) -> Result<Self> {
+        let n_tree = robot.plant().roots().len();
+        if n_tree > 1 && REGISTRY.iter().any(|entry| entry.name == name) {
+            let (what, rule) = (format!("controller '{name}': trees of bodies"), "1: it leads one reference");
+            return Err(Error::value(what, n_tree, rule, "Leave it out: a cascade flies each drone."));
+        }
         let known = match robot.plant() {
             Plant::Rigid(m) => Plant::of_vehicle(&vehicle_of(m.vehicle(), numbers)?, *m.physics())?,
             Plant::Tree(m) => Plant::of_model(&with_numbers(m.model(), numbers)?, *m.physics())?,
         };
         let rates = Rates::every_step(dt);
-        let setup = Setup { swift: robot.vehicle.as_ref(), ..Setup::new(None, &rates) };
+        let setup = Setup { swift: robot.vehicle.as_ref(), mpc: mpc.as_ref(), ..Setup::new(None, &rates) };
         controller(name, &known, &setup).map(Self::Joined)
     }
 

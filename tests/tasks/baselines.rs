@@ -1,6 +1,8 @@
 //! Our controllers on the benchmark tasks: what learners have to beat.
 
-use omnidrones::tasks::{Autoreset, Baseline, EnvConfig, Evaluation, evaluate, registry};
+use omnidrones::controllers::optimal::MpcSettings;
+use omnidrones::parallel::Threads;
+use omnidrones::tasks::{Autoreset, Baseline, Buffers, Env, EnvConfig, Evaluation, evaluate, registry};
 
 /// What an entry of the registry promises of its baseline.
 enum Claim {
@@ -99,4 +101,44 @@ fn a_payload_that_nobody_pushes_is_held_as_closely_as_a_drone() {
     println!("final error {:.4} m, crashed {}", e.final_error, e.crashed);
     // measured 0.062 m after the 8 s of an episode: the last swing still fades
     assert!(e.final_error < 0.1 && e.crashed == 0.0, "{e:?}");
+}
+
+#[test]
+fn controllers_of_a_batch_act_with_the_same_bits_on_one_thread_and_on_two() {
+    let fly = |task: &str, n: usize, by: &dyn Fn(&Env) -> Baseline, threads: usize| {
+        let config = EnvConfig { n_env: n, autoreset: Autoreset::Disabled, ..EnvConfig::default() };
+        let mut env = Env::make(task, &config).unwrap();
+        env.set_threads(Threads::new(threads).unwrap());
+        let (mut out, mut all) = (Buffers::new(env.spec()), Vec::new());
+        let mut actions = vec![0.0; n * env.spec().n_agent * env.spec().action.len()];
+        env.reset(None, None, &mut out.out()).unwrap();
+        let mut own = by(&env);
+        for _ in 0..8 {
+            own.act(&env, &mut actions).unwrap();
+            env.step(&actions, &mut out.out()).unwrap();
+            all.extend_from_slice(&actions);
+        }
+        assert!(own.failures().is_empty());
+        all
+    };
+    let settings = MpcSettings { stages: 6, ..MpcSettings::default() };
+    let plans = |env: &Env| Baseline::with_mpc(env, &settings).unwrap();
+    let named = |env: &Env| Baseline::with_controller(env, "mpc").unwrap();
+    let usual = |env: &Env| Baseline::new(env).unwrap();
+    assert!(fly("PayloadHover", 3, &named, 1) == fly("PayloadHover", 3, &named, 2));
+    assert!(fly("HoverRand", 3, &plans, 1) == fly("HoverRand", 3, &plans, 2));
+    assert!(fly("Spread", 70, &usual, 1) == fly("Spread", 70, &usual, 2));
+}
+
+#[test]
+fn a_controller_that_does_not_suit_a_task_is_refused_with_those_that_do() {
+    let env = |task| Env::make(task, &EnvConfig { n_env: 1, ..EnvConfig::default() }).unwrap();
+    for (task, name, words) in [
+        ("PayloadHover", "mpx", "did you mean 'mpc'?"),
+        ("PayloadHover", "cascade", "one that flies it: lqr, formation, mpc"),
+        ("Spread", "mpc", "a cascade flies each drone"),
+    ] {
+        let refused = Baseline::with_controller(&env(task), name).err().unwrap().to_string();
+        assert!(refused.contains(words), "{task}: {refused}");
+    }
 }

@@ -5,7 +5,9 @@ use super::episodes::{Flown, check_horizon};
 use super::rollout_all;
 use super::rollout_files::{EpisodeArguments, Told};
 use crate::prelude::*;
-use clap::ValueEnum;
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use omnidrones::controllers::optimal::MpcSettings;
+use omnidrones::controllers::registry::REGISTRY;
 use omnidrones::parallel::Threads;
 use omnidrones::rl::parts::TrainingObjective;
 use omnidrones::rl::planner::{Planner, PlannerConfig};
@@ -23,6 +25,7 @@ Examples:
   omnidrones rollout Hover                             256 episodes under our controller
   omnidrones rollout Hover --controller random         under random actions
   omnidrones rollout Hover --controller planner --envs 8   by plans, which no policy can know
+  omnidrones rollout PayloadHover --controller mpc     by another controller than the usual one
   omnidrones rollout Track --envs 1024 --seed 7        more episodes, other starts
   omnidrones rollout Track --csv --out track           every step and every episode as CSV
   omnidrones rollout Track --npz --trajectories 256    all its episodes for NumPy: states, observations, actions, rewards
@@ -32,7 +35,9 @@ Examples:
   omnidrones rollout --all                             one line per task
 
 Controllers: default is the cascade (position, velocity, attitude, rate) for a drone alone, and for systems of bodies the \
-controller that 'omnidrones fly' takes; it sees the true state and acts on the rotors. random draws every command \
+controller that 'omnidrones fly' takes; it sees the true state and acts on the rotors. Names of the table of controllers, as \
+lqr or mpc, put that one in its place, where it is made for what flies; free drones of a team keep their cascades. One \
+flies each environment, all of them at once on --threads. random draws every command \
 uniformly in every step. planner plans the next two seconds through the simulator itself, by exact gradients, with every \
 hidden number of the episode: what it loses may be beyond any policy. It takes seconds for a few episodes of one drone, and \
 minutes to hours for many or for teams (--envs). \
@@ -71,8 +76,11 @@ pub struct Arguments {
     #[arg(long)]
     all: bool,
     /// Who commands it
-    #[arg(long, value_name = "NAME", default_value = "default")]
+    #[arg(long, value_name = "NAME", default_value = "default", value_parser = controller_names())]
     pub(super) controller: ControllerName,
+    /// How --controller mpc plans: a file of its settings, as of 'omnidrones fly --mpc'
+    #[arg(long, value_name = "FILE.toml", conflicts_with = "all")]
+    mpc: Option<PathBuf>,
     #[command(flatten)]
     pub(super) plan: PlanArguments,
     #[command(flatten)]
@@ -80,7 +88,7 @@ pub struct Arguments {
 }
 
 /// Names of controllers.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ControllerName {
     /// The controller of this crate that suits what flies
     Default,
@@ -88,6 +96,25 @@ pub enum ControllerName {
     Random,
     /// Plans by the exact gradient of the simulator, which knows every number of the episode
     Planner,
+    /// Of the library's table
+    Named(&'static str),
+}
+
+/// Those that are no controllers of the table, each with what it is.
+const OWN_NAMES: [(ControllerName, &str); 3] = [
+    (ControllerName::Default, "The controller of this crate that suits what flies"),
+    (ControllerName::Random, "Every command drawn uniformly in every step"),
+    (ControllerName::Planner, "Plans by the exact gradient of the simulator, which knows every number of the episode"),
+];
+
+/// What --controller takes, each with what it is.
+fn controller_names() -> impl TypedValueParser<Value = ControllerName> {
+    let all = OWN_NAMES.into_iter().chain(REGISTRY.iter().map(|e| (ControllerName::Named(e.name), e.flies)));
+    PossibleValuesParser::new(all.map(|(own, what)| PossibleValue::new(own.name()).help(what))).try_map(|given| {
+        let own = OWN_NAMES.into_iter().map(|(own, _)| own).find(|own| own.name() == given);
+        let of_table = || REGISTRY.iter().find(|e| e.name == given).map(|e| ControllerName::Named(e.name));
+        own.or_else(of_table).ok_or("it is not known")
+    })
 }
 
 impl ControllerName {
@@ -96,6 +123,7 @@ impl ControllerName {
             Self::Default => "default",
             Self::Random => "random",
             Self::Planner => "planner",
+            Self::Named(name) => name,
         }
     }
 }
@@ -190,9 +218,27 @@ pub(super) struct Ready {
 }
 
 enum Pilot {
-    Baseline(Baseline),
+    Baseline(Box<Own>),
     Random,
     Planner(Box<Planner>),
+}
+
+/// Our controllers.
+struct Own {
+    flying: Baseline,
+    named: Option<&'static str>,
+    mpc: Option<MpcSettings>,
+}
+
+impl Own {
+    fn new(env: &Env, named: Option<&'static str>, mpc: Option<MpcSettings>) -> Result<Self> {
+        let flying = match (named, &mpc) {
+            (Some("mpc"), Some(settings)) => Baseline::with_mpc(env, settings)?,
+            (Some(name), _) => Baseline::with_controller(env, name)?,
+            (None, _) => Baseline::new(env)?,
+        };
+        Ok(Self { flying, named, mpc })
+    }
 }
 
 impl Ready {
@@ -200,7 +246,7 @@ impl Ready {
         entry: &TaskEntry,
         config: &EnvConfig,
         threads: &Threads,
-        (controller, plan): (ControllerName, &PlanArguments),
+        (controller, plan, mpc): (ControllerName, &PlanArguments, Option<MpcSettings>),
     ) -> Result<Self> {
         if let Some(name) = plan.given().filter(|_| controller != ControllerName::Planner) {
             let remedy = "Leave it out, or add --controller planner.";
@@ -210,7 +256,8 @@ impl Ready {
         check_horizon(&env)?;
         env.set_threads(threads.clone());
         let pilot = match controller {
-            ControllerName::Default => Pilot::Baseline(Baseline::new(&env)?),
+            ControllerName::Default => Pilot::Baseline(Box::new(Own::new(&env, None, None)?)),
+            ControllerName::Named(name) => Pilot::Baseline(Box::new(Own::new(&env, Some(name), mpc)?)),
             ControllerName::Random => Pilot::Random,
             ControllerName::Planner => {
                 let mut twin = entry.env(config)?;
@@ -228,7 +275,8 @@ impl Ready {
         match &mut self.pilot {
             Pilot::Baseline(own) => {
                 // it learns the numbers of an episode once
-                *own = Baseline::new(env)?;
+                **own = Own::new(env, own.named, own.mpc.take())?;
+                let own = &mut own.flying;
                 let name = own.name().to_string();
                 let flown = Flown::of(env, &mut own.policy(), name, kept, watch)?;
                 let unflown = own.failures().first().map(|(_, first)| {
@@ -255,9 +303,20 @@ impl Ready {
     }
 }
 
+/// The settings of --mpc, which are of that controller alone.
+fn mpc_settings(a: &Arguments) -> Result<Option<MpcSettings>> {
+    if a.mpc.is_some() && a.controller != ControllerName::Named("mpc") {
+        let value = format!("given with controller '{}'", a.controller.name());
+        let remedy = "Leave one of both out, or add it.";
+        return Err(Error::value("--mpc", value, "given with --controller mpc", remedy));
+    }
+    a.mpc.as_deref().map(files::read_toml).transpose()
+}
+
 fn one(a: &Arguments, entry: &TaskEntry, config: &EnvConfig, threads: &Threads) -> Result<Report> {
     // before any folder is made
-    let mut ready = Ready::new(entry, config, threads, (a.controller, &a.plan))?;
+    let mpc = mpc_settings(a)?;
+    let mut ready = Ready::new(entry, config, threads, (a.controller, &a.plan, mpc))?;
     let horizon = ready.env.spec().horizon;
     let told = Told { command: "rollout", by: a.controller.name(), usual: Path::new("out").join(entry.name) };
     told.of(&a.episodes, horizon, |kept, watch| ready.fly(kept, watch))

@@ -51,7 +51,9 @@ pub fn run(a: &Arguments, config: &EnvConfig, threads: &Threads) -> Result<Repor
 }
 
 fn line(entry: &'static TaskEntry, config: &EnvConfig, threads: &Threads, a: &Arguments) -> Line {
-    match Ready::new(entry, config, threads, (a.controller, &a.plan)).and_then(|mut ready| ready.fly(0, &mut |_| ())) {
+    match Ready::new(entry, config, threads, (a.controller, &a.plan, None))
+        .and_then(|mut ready| ready.fly(0, &mut |_| ()))
+    {
         Ok(flown) => {
             let error = &flown.record.spec().info[flown.record.first_metric()];
             let error = (error.name.clone(), error.unit.clone());
@@ -137,10 +139,11 @@ fn all_page(lines: &[Line], config: &EnvConfig, written: &[PathBuf]) -> Page {
 
 /// The tasks that were flown, side by side.
 fn figure(lines: &[Line], controller: ControllerName) -> Figure {
-    let title = match controller {
-        ControllerName::Default => "The benchmark tasks under our controllers",
-        ControllerName::Random => "The benchmark tasks under random actions",
-        ControllerName::Planner => "The benchmark tasks under plans",
+    let by = match controller {
+        ControllerName::Default => "our controllers",
+        ControllerName::Random => "random actions",
+        ControllerName::Planner => "plans",
+        ControllerName::Named(name) => name,
     };
     let mut bars = Bars::new("Mean return", "share of the bound: best reward of a step × steps [%]");
     for (line, e) in lines.iter().filter_map(|line| Some((line, line.flown.as_ref().ok()?))) {
@@ -149,7 +152,7 @@ fn figure(lines: &[Line], controller: ControllerName) -> Figure {
         bars = bars.bar(Bar::new(line.name, 100.0 * e.share_of_bound).note(note).colour(colour));
     }
     let height = 100.0 + 24.0 * bars.bars.len() as f64;
-    Figure::new(title)
+    Figure::new(&format!("The benchmark tasks under {by}"))
         .subtitle(format!("vermillion: more than {} of the episodes crashed", percent(CRASHES)))
         .size(900.0, height)
         .chart(bars)

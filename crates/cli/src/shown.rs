@@ -44,7 +44,7 @@ impl Flier {
             };
             let config = options.config(&usual, Some(entry))?;
             let config = EnvConfig { autoreset: Autoreset::Disabled, n_env: envs, ..config.whole_episodes() };
-            let by = (ControllerName::Default, &PlanArguments::default());
+            let by = (ControllerName::Default, &PlanArguments::default(), None);
             return Ok(Self::Own(Box::new(rollout::Ready::new(entry, &config, &threads, by)?)));
         }
         if !path.exists() {

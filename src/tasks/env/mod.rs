@@ -294,6 +294,11 @@ impl Env {
         self.threads = threads;
     }
 
+    /// What it steps on.
+    pub(crate) fn threads(&self) -> &Threads {
+        &self.threads
+    }
+
     /// Names, sizes, units and bounds of all arrays.
     pub fn spec(&self) -> &Spec {
         &self.spec
