@@ -7,7 +7,8 @@
 //! - The plan minimises [`TrackingCost`] along the reference, from now on, with all inputs within bounds, motors with their lag, and
 //!   bounds of states that may be passed at a cost. It ends with the cost of an endless flight near hover (the Riccati equation).
 //! - What moves the root beyond the model, force and moment, is estimated: d̂⁺ = d̂ + (1 − e^(−LT)) (v − v̂)/g, with v̂ the velocities that the
-//!   model foretold for this tick and g what a force or a moment changes of its own in a tick. The plan flies with d̂.
+//!   model foretold for this tick and g what a force or a moment changes of its own in a tick. The plan flies with d̂, and the
+//!   reference of a rigid vehicle leans against it.
 //! - Commands that act late are answered for: the plan begins at the state that the model has when its commands will act.
 //! - A tick whose program fails plans anew from the reference; where that fails too, it flies on with the plan of the last. After ten of
 //!   them in a row the fallback flies, until a plan is found again. Both are counted and [told](Controller::notes).
@@ -15,7 +16,7 @@
 //! Source: Sun, Romero, Foehn, Kaufmann, Scaramuzza 2022 (weights, horizon); Rawlings, Mayne and Diehl 2017, sections 1.3 and 1.5 (end,
 //! disturbance models).
 
-use super::flat_motion::FlatMotion;
+use super::flat_motion::{FlatMotion, Push};
 use super::planned_plant::{PlannedInput, PlannedPlant};
 use super::problem::{OptimalProblem, OptimalTrajectory, length};
 use super::real_time::{RealTimeIteration, TickReport};
@@ -255,8 +256,8 @@ impl Mpc {
 
     /// Force (N, world) and moment (N m, body) on the root that the model does not have.
     pub fn disturbance(&self) -> ([f64; 3], [f64; 3]) {
-        let d = &self.observer.estimate;
-        ([d[0], d[1], d[2]], [d[3], d[4], d[5]])
+        let Push { force, moment } = self.observer.push();
+        (force, moment)
     }
 
     /// Says what every stage is about: the reference from `time` on, and the disturbance.
@@ -266,11 +267,12 @@ impl Mpc {
         let mut inputs = vec![0.0; m];
         let none = TrackingWeights::zero();
         let mut attitude = attitude;
+        let push = observer.push();
         for stage in 0..=settings.stages {
-            let motion = flat.at(target, time + stage as f64 * settings.stage, Some(attitude), &mut inputs);
+            let motion = flat.at(target, time + stage as f64 * settings.stage, &push, Some(attitude), &mut inputs);
             attitude = motion.attitude;
             row.fill(0.0);
-            let (force, moment) = ([0, 1, 2].map(|k| observer.estimate[k]), [3, 4, 5].map(|k| observer.estimate[k]));
+            let Push { force, moment } = push;
             Disturbance { force, moment, ..Disturbance::none() }.write(&mut row[..n.min(9)]);
             let is_end = stage == settings.stages;
             let weights = if is_end && settings.endless { &none } else { &settings.weights };
@@ -286,12 +288,13 @@ impl Mpc {
         let (n, m) = (self.planned.n_state(), self.planned.n_input());
         let hover = self.cost.hover().to_vec();
         let mut attitude = [state[6], state[7], state[8], state[9]];
+        let push = self.observer.push();
         for stage in 0..=self.settings.stages {
             let row = &mut plan.states[stage * n..(stage + 1) * n];
             row.copy_from_slice(&hover);
             let mut inputs = vec![0.0; m];
             let ahead = time + stage as f64 * self.settings.stage;
-            let motion = self.flat.at(target, ahead, Some(attitude), &mut inputs);
+            let motion = self.flat.at(target, ahead, &push, Some(attitude), &mut inputs);
             attitude = motion.attitude;
             // from where it is, at the reference's attitude
             motion.write(row);
@@ -563,6 +566,12 @@ impl Observer {
             is_told_moment: false,
             foretold: None,
         })
+    }
+
+    /// The estimate.
+    fn push(&self) -> Push {
+        let d = &self.estimate;
+        Push { force: [d[0], d[1], d[2]], moment: [d[3], d[4], d[5]] }
     }
 
     fn learn(&mut self, state: &[f64]) {

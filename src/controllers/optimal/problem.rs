@@ -71,15 +71,16 @@ impl OptimalProblem {
         &self.start
     }
 
-    /// Another start, `[n_state]`.
+    /// Another start, `[n_state]`; its quaternions are made unit ones.
     ///
     /// # Errors
-    /// [`Error::Value`] for another length, or a number that is not finite.
+    /// [`Error::Value`] for another length, a number that is not finite, or a quaternion of no length.
     pub fn set_start(&mut self, start: &[f64]) -> Result<()> {
         length("state of the start", start.len(), self.model.n_state())?;
         finite("start", start)?;
-        self.start.clear();
-        self.start.extend_from_slice(start);
+        let mut own = start.to_vec();
+        self.model.errors.unite(&mut own)?;
+        self.start = own;
         Ok(())
     }
 
