@@ -26,6 +26,14 @@ pub struct OptimalTrajectory {
     pub inputs: Vec<f64>,
 }
 
+impl OptimalTrajectory {
+    /// Takes the numbers of another into its own memory.
+    pub(super) fn copy_from(&mut self, other: &Self) {
+        self.states.clone_from(&other.states);
+        self.inputs.clone_from(&other.inputs);
+    }
+}
+
 /// Most stages of a problem.
 pub const MAX_STAGES: usize = 100_000;
 
