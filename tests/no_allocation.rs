@@ -15,7 +15,10 @@ use omnidrones::autodiff::{
 use omnidrones::controllers::cascade::Rates;
 use omnidrones::controllers::kinematics::Kinematics;
 use omnidrones::controllers::reference::Setpoint;
-use omnidrones::controllers::{Cascade, Measurement, Reference, Setup, Target, default_controller, start_on};
+use omnidrones::controllers::registry::controller;
+use omnidrones::controllers::{
+    Cascade, Controller, Measurement, Reference, Setup, Target, default_controller, start_on,
+};
 use omnidrones::dynamics::configurations::REGISTRY;
 use omnidrones::dynamics::sensors::{OnboardSensors, SensorConfig, presets};
 use omnidrones::dynamics::tree::Multibody;
@@ -249,25 +252,35 @@ fn controllers_tick_without_allocating() {
     let rigid = vehicles::all().into_iter().map(|vehicle| Plant::of_vehicle(&vehicle, physics).unwrap());
     let joined = REGISTRY.iter().map(|entry| Plant::of_model(&(entry.build)().unwrap(), physics).unwrap());
     for plant in rigid.chain(joined) {
-        let Ok(mut own) = default_controller(&plant, &Setup::new(None, &Rates::default())) else { continue };
-        let reference = Reference::by_name("lemniscate").unwrap();
-        let mut state = start_on(&plant, &own, &reference).unwrap();
-        let (mut next, mut commands) = (state.clone(), vec![0.0; plant.n_input()]);
-        let mut fly = |ticks: std::ops::Range<u32>| {
-            let mut count = 0;
-            for k in ticks {
-                let seen = Measurement { time: f64::from(k) * physics.dt, state: &state, readings: &[] };
-                count += allocations(|| own.tick(seen, Target::level(&reference), &mut commands));
-                plant.step(&state, &commands, &[], &mut next);
-                std::mem::swap(&mut state, &mut next);
-            }
-            count
-        };
-        fly(0..20);
-        let count = fly(20..40);
-        let most = REQUESTS.iter().find(|(name, _)| *name == plant.name()).map_or(0, |(_, n)| *n);
-        assert!(count <= most, "{} of {}: {count} requests, not {most}", own.name(), plant.name());
+        let Ok(own) = default_controller(&plant, &Setup::new(None, &Rates::default())) else { continue };
+        fly_without_allocating(plant, own);
     }
+    let plant = Plant::of_vehicle(&vehicles::by_name("hummingbird").unwrap(), physics).unwrap();
+    for name in ["mpc", "mpc_indi"] {
+        let own = controller(name, &plant, &Setup::new(None, &Rates::default())).unwrap();
+        fly_without_allocating(plant.clone(), own);
+    }
+}
+
+fn fly_without_allocating(plant: Plant, mut own: Box<dyn Controller>) {
+    let physics = *plant.physics();
+    let reference = Reference::by_name("lemniscate").unwrap();
+    let mut state = start_on(&plant, &own, &reference).unwrap();
+    let (mut next, mut commands) = (state.clone(), vec![0.0; plant.n_input()]);
+    let mut fly = |ticks: std::ops::Range<u32>| {
+        let mut count = 0;
+        for k in ticks {
+            let seen = Measurement { time: f64::from(k) * physics.dt, state: &state, readings: &[] };
+            count += allocations(|| own.tick(seen, Target::level(&reference), &mut commands));
+            plant.step(&state, &commands, &[], &mut next);
+            std::mem::swap(&mut state, &mut next);
+        }
+        count
+    };
+    fly(0..20);
+    let count = fly(20..40);
+    let most = REQUESTS.iter().find(|(name, _)| *name == plant.name()).map_or(0, |(_, n)| *n);
+    assert!(count <= most, "{} of {}: {count} requests, not {most}", own.name(), plant.name());
 }
 
 /// With restarts, transforms, delays, randomisation and a tape.

@@ -9,11 +9,18 @@ use crate::parameters::BodyModel;
 use crate::position::flat_command;
 use crate::reference::Setpoint;
 use base::error::Result;
-use dynamics::spatial::{from_matrix, multiply, rotate_back};
+use dynamics::spatial::{from_matrix, multiply, rotate, rotate_back};
 use dynamics::{MAX_ROTORS, Plant};
 
 /// Specific force below which its direction says nothing, m/s².
 const FREE_FALL: f64 = 2.0;
+
+/// What pushes a root from outside: force (N, world) and moment (N m, body).
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Push {
+    pub(super) force: [f64; 3],
+    pub(super) moment: [f64; 3],
+}
 
 /// Of a rigid vehicle by differential flatness with linear drag; of other plants at the heading of the reference with the tilt beside it, with
 /// the inputs of hover.
@@ -67,12 +74,13 @@ impl FlatMotion {
         multiply([c, 0.0, 0.0, s], self.attitude)
     }
 
-    /// Motion of the root's attitude and rates with position and velocity of the reference, and the inputs. Near free fall, where the map
-    /// has no attitude, it is the one `before`.
+    /// Motion of the root's attitude and rates with position and velocity of the reference, and the inputs; a rigid vehicle leans against
+    /// what pushes it. Near free fall, where the map has no attitude, it is the one `before`.
     pub(super) fn at(
         &self,
         target: Target<'_>,
         time: f64,
+        push: &Push,
         before: Option<[f64; 4]>,
         inputs: &mut [f64],
     ) -> Kinematics<f64> {
@@ -90,7 +98,10 @@ impl FlatMotion {
             motion.angular_velocity = rotate_back(self.attitude, wanted.angular_velocity);
             return motion;
         };
-        let (orientation, wrench) = flat_command(&own.body, sample);
+        let acceleration = [0, 1, 2].map(|k| sample.acceleration[k] - push.force[k] / own.body.mass);
+        let (orientation, mut wrench) = flat_command(&own.body, &Setpoint { acceleration, ..sample.clone() });
+        let moment = rotate(self.attitude, push.moment);
+        (0..3).for_each(|k| wrench[1 + k] -= moment[k]);
         let attitude = multiply(from_matrix(orientation.attitude), self.attitude);
         let rates = rotate_back(self.attitude, orientation.angular_velocity);
         if wrench[0] < FREE_FALL * own.body.mass {

@@ -153,10 +153,11 @@ impl Ilqr {
         Ok(())
     }
 
-    /// Begins with states and inputs, whether they obey the dynamics or not; the first state is that of the problem.
+    /// Begins with states and inputs, whether they obey the dynamics or not; the first state is that of the problem, quaternions are made unit
+    /// ones.
     ///
     /// # Errors
-    /// [`Error::Value`] for another length, or a number that is not finite.
+    /// [`Error::Value`] for another length, a number that is not finite, or a quaternion of no length.
     pub fn start_from(&mut self, problem: &OptimalProblem, guess: &OptimalTrajectory) -> Result<()> {
         length("inputs", guess.inputs.len(), self.trajectory.inputs.len())?;
         length("states", guess.states.len(), self.trajectory.states.len())?;
@@ -166,7 +167,7 @@ impl Ilqr {
         let n = problem.model().n_state();
         self.trajectory.states.copy_from_slice(&guess.states);
         self.trajectory.states[..n].copy_from_slice(problem.start());
-        Ok(())
+        self.trajectory.states.chunks_exact_mut(n).try_for_each(|state| problem.model().errors.unite(state))
     }
 
     /// Inputs of a guess, put within their bounds before anything can be refused.
@@ -227,7 +228,7 @@ impl Ilqr {
         let conditions = &mut self.expansion.conditions;
         conditions.shifts.fill(0.0);
         conditions.weights.fill(settings.penalty);
-        let mut last_violation = f64::INFINITY;
+        let mut last = f64::INFINITY;
         for round in 0.. {
             let mut is_told_to_stop = false;
             let mut told = |k: usize, iteration: &IlqrIteration| {
@@ -238,7 +239,8 @@ impl Ilqr {
             let (cost, gap) = self.judged(problem);
             let violation = self.violation(problem);
             let report = |status| IlqrReport { status, cost, gap, violation, iterations: iterations.clone() };
-            let is_kept = violation <= settings.condition_tolerance;
+            let left = violation.max(self.slack_of_multipliers(problem));
+            let is_kept = left <= settings.condition_tolerance;
             if !has_conditions || is_kept && status == IlqrStatus::Solved {
                 return Ok(report(status));
             }
@@ -249,8 +251,8 @@ impl Ilqr {
                 let is_penalty = settings.max_rounds == 1;
                 return Ok(report(if is_kept || is_penalty { status } else { IlqrStatus::Violated }));
             }
-            self.multiply(problem, violation > 0.25 * last_violation);
-            last_violation = violation;
+            self.multiply(problem, left > 0.25 * last);
+            last = left;
         }
         unreachable!("rounds end")
     }
@@ -440,6 +442,15 @@ impl Ilqr {
     fn violation(&self, problem: &OptimalProblem) -> f64 {
         let own = self.expansion.conditions.values.iter().zip(Self::kinds(problem));
         own.map(|(g, is_at_most)| if is_at_most { g.max(0.0) } else { g.abs() }).fold(0.0, f64::max)
+    }
+
+    /// Largest min(−g, λ/w) of the conditions g ≤ 0 with multipliers λ: how far one that pushes is from acting.
+    ///
+    /// Source: Birgin and Martínez 2014, chapter 4.
+    fn slack_of_multipliers(&self, problem: &OptimalProblem) -> f64 {
+        let conditions = &self.expansion.conditions;
+        let own = conditions.values.iter().zip(&conditions.shifts).zip(Self::kinds(problem));
+        own.map(|((g, shift), is_at_most)| if is_at_most { shift.min(-g) } else { 0.0 }).fold(0.0, f64::max)
     }
 
     /// New multipliers, and larger weights where violations do not fall.

@@ -7,7 +7,8 @@
 //! - The plan minimises [`TrackingCost`] along the reference, from now on, with all inputs within bounds, motors with their lag, and
 //!   bounds of states that may be passed at a cost. It ends with the cost of an endless flight near hover (the Riccati equation).
 //! - What moves the root beyond the model, force and moment, is estimated: d̂⁺ = d̂ + (1 − e^(−LT)) (v − v̂)/g, with v̂ the velocities that the
-//!   model foretold for this tick and g what a force or a moment changes of its own in a tick. The plan flies with d̂.
+//!   model foretold for this tick and g what a force or a moment changes of its own in a tick. The plan flies with d̂, and the
+//!   reference of a rigid vehicle leans against it.
 //! - Commands that act late are answered for: the plan begins at the state that the model has when its commands will act.
 //! - A tick whose program fails plans anew from the reference; where that fails too, it flies on with the plan of the last. After ten of
 //!   them in a row the fallback flies, until a plan is found again. Both are counted and [told](Controller::notes).
@@ -15,7 +16,7 @@
 //! Source: Sun, Romero, Foehn, Kaufmann, Scaramuzza 2022 (weights, horizon); Rawlings, Mayne and Diehl 2017, sections 1.3 and 1.5 (end,
 //! disturbance models).
 
-use super::flat_motion::FlatMotion;
+use super::flat_motion::{FlatMotion, Push};
 use super::planned_plant::{PlannedInput, PlannedPlant};
 use super::problem::{OptimalProblem, OptimalTrajectory, length};
 use super::real_time::{RealTimeIteration, TickReport};
@@ -105,20 +106,26 @@ pub struct MpcStatistics {
     pub fallen_back: u64,
     /// Recursions of all ticks.
     pub recursions: u64,
-    /// Time of every tick, s, up to a million of them.
+    /// Time of every tick, s, of the first 65 536.
     pub times: Vec<f32>,
     /// Largest residual of a program that counted as solved.
     pub residual: f64,
 }
 
-/// Most times that are kept.
-const MAX_TIMES: usize = 1_000_000;
+impl MpcStatistics {
+    fn new() -> Self {
+        Self { times: Vec::with_capacity(MAX_TIMES), ..Self::default() }
+    }
+}
+
+/// Most times that are kept: eleven minutes of a hundred ticks a second.
+const MAX_TIMES: usize = 65_536;
 
 /// Model predictive control as a [`Controller`].
 pub struct Mpc {
     settings: MpcSettings,
     /// What it believes to fly, step by step, with disturbances; with the rotors that it was told of, and with all of them.
-    believed: Plant,
+    believed: Believed,
     whole: Plant,
     planned: PlannedPlant,
     cost: TrackingCost,
@@ -140,10 +147,61 @@ pub struct Mpc {
     fallback: Option<Box<dyn Controller>>,
     falls_back: bool,
     effectiveness: Vec<f64>,
+    /// Place of every rotor's action in the plant's input.
+    actions: Vec<usize>,
     statistics: MpcStatistics,
     last: Option<TickReport>,
-    row: Vec<f64>,
     commands: Vec<f64>,
+    work: Work,
+}
+
+/// Numbers of a tick, so that none allocates.
+#[derive(Debug, Clone)]
+struct Work {
+    /// The plant's state when commands act.
+    ahead: Vec<f64>,
+    /// And as it is planned with.
+    state: Vec<f64>,
+    /// Inputs of the reference.
+    inputs: Vec<f64>,
+    /// Parameters of a stage.
+    row: Vec<f64>,
+    plan: OptimalTrajectory,
+}
+
+/// A plant that is stepped under commands and a push.
+#[derive(Debug, Clone)]
+struct Believed {
+    plant: Plant,
+    parameters: Vec<f64>,
+    /// First number of the push in the input.
+    push: Option<usize>,
+    input: Vec<f64>,
+    next: Vec<f64>,
+}
+
+impl Believed {
+    fn new(plant: Plant) -> Self {
+        Self {
+            parameters: if plant.n_parameter() > 0 { plant.parameters() } else { Vec::new() },
+            push: plant.disturbances().first().copied(),
+            input: vec![0.0; plant.n_input()],
+            next: vec![0.0; plant.n_state()],
+            plant,
+        }
+    }
+
+    /// One step.
+    fn step(&mut self, state: &mut [f64], commands: &[f64], push: &Push) {
+        let n = commands.len().min(self.input.len());
+        self.input[..n].copy_from_slice(&commands[..n]);
+        if let Some(first) = self.push {
+            let Push { force, moment } = *push;
+            Disturbance { force, moment, ..Disturbance::none() }.write(&mut self.input[first..]);
+        }
+        self.plant.step(state, &self.input, &self.parameters, &mut self.next);
+        state.copy_from_slice(&self.next);
+    }
 }
 
 /// Force and moment on the root beyond the model.
@@ -158,8 +216,9 @@ struct Observer {
     most: Vector6<f64>,
     /// Whether somebody else says what the moment is.
     is_told_moment: bool,
-    /// The state as it should be by now, from the last tick on.
-    foretold: Option<Vec<f64>>,
+    /// The state as it should be by now, from the last tick on, and whether there is one.
+    foretold: Vec<f64>,
+    foretells: bool,
 }
 
 impl Mpc {
@@ -177,32 +236,39 @@ impl Mpc {
         let observer = Observer::new(&believed, every, settings.estimate, period)?;
         let mut commands = vec![0.0; plant.n_input()];
         planned.write_commands(&inputs, &mut commands);
-        let row = vec![0.0; problem.model().n_parameter()];
+        let work = Work {
+            ahead: vec![0.0; plant.n_state()],
+            state: vec![0.0; planned.n_state()],
+            inputs: inputs.clone(),
+            row: vec![0.0; problem.model().n_parameter()],
+            plan: OptimalTrajectory::default(),
+        };
         let iteration = RealTimeIteration::new(problem, &inputs)?;
         Ok(Self {
             flat: FlatMotion::new(&planned)?,
             effectiveness: vec![1.0; plant.rotor_places().len()],
+            actions: plant.rotor_places().iter().map(|rotor| rotor.action).collect(),
             given: vec![commands.clone(); settings.latency],
             hover: commands.clone(),
             settings: settings.clone(),
             fallback: None,
             falls_back: false,
-            statistics: MpcStatistics::default(),
+            statistics: MpcStatistics::new(),
             last: None,
             standby: OptimalTrajectory::default(),
             step: 0,
             failed: 0,
             is_fresh: true,
             whole: believed.clone(),
-            believed,
+            believed: Believed::new(believed),
             planned,
             cost,
             iteration,
             observer,
             every,
             period,
-            row,
             commands,
+            work,
         })
     }
 
@@ -230,7 +296,7 @@ impl Mpc {
 
     /// What it believes to fly, step by step, with disturbances.
     pub(super) fn believed(&self) -> &Plant {
-        &self.believed
+        &self.believed.plant
     }
 
     /// What it costs to be off the reference.
@@ -255,76 +321,40 @@ impl Mpc {
 
     /// Force (N, world) and moment (N m, body) on the root that the model does not have.
     pub fn disturbance(&self) -> ([f64; 3], [f64; 3]) {
-        let d = &self.observer.estimate;
-        ([d[0], d[1], d[2]], [d[3], d[4], d[5]])
+        let Push { force, moment } = self.observer.push();
+        (force, moment)
     }
 
-    /// Says what every stage is about: the reference from `time` on, and the disturbance.
-    fn aim(&mut self, target: Target<'_>, time: f64, attitude: [f64; 4]) -> Result<()> {
-        let Self { iteration, cost, flat, planned, settings, row, observer, .. } = self;
-        let (n, m) = (planned.n_parameter(), planned.n_input());
-        let mut inputs = vec![0.0; m];
+    /// Says what every stage is about: the reference from `time` on, and the disturbance. What follows it without error is left in
+    /// `work.plan`.
+    fn aim(&mut self, target: Target<'_>, time: f64) -> Result<()> {
+        let Self { iteration, cost, flat, planned, settings, observer, work, .. } = self;
+        let Work { state, inputs, row, plan, .. } = work;
+        let first = planned.n_parameter();
         let none = TrackingWeights::zero();
-        let mut attitude = attitude;
+        let mut attitude = [state[6], state[7], state[8], state[9]];
+        let push = observer.push();
+        plan.states.clear();
+        plan.inputs.clear();
         for stage in 0..=settings.stages {
-            let motion = flat.at(target, time + stage as f64 * settings.stage, Some(attitude), &mut inputs);
+            let motion = flat.at(target, time + stage as f64 * settings.stage, &push, Some(attitude), inputs);
             attitude = motion.attitude;
             row.fill(0.0);
-            let (force, moment) = ([0, 1, 2].map(|k| observer.estimate[k]), [3, 4, 5].map(|k| observer.estimate[k]));
-            Disturbance { force, moment, ..Disturbance::none() }.write(&mut row[..n.min(9)]);
+            let Push { force, moment } = push;
+            Disturbance { force, moment, ..Disturbance::none() }.write(&mut row[..first.min(9)]);
             let is_end = stage == settings.stages;
             let weights = if is_end && settings.endless { &none } else { &settings.weights };
-            cost.write_parameters(&motion, &inputs, weights, &mut row[n..]);
+            cost.write_parameters(&motion, inputs, weights, &mut row[first..]);
             iteration.problem_mut().set_parameters(stage, row)?;
-        }
-        Ok(())
-    }
-
-    /// A plan that holds the reference as if it were followed without error.
-    fn begin_at_reference(&mut self, target: Target<'_>, time: f64, state: &[f64]) -> Result<()> {
-        let mut plan = self.iteration.plan().clone();
-        let (n, m) = (self.planned.n_state(), self.planned.n_input());
-        let hover = self.cost.hover().to_vec();
-        let mut attitude = [state[6], state[7], state[8], state[9]];
-        for stage in 0..=self.settings.stages {
-            let row = &mut plan.states[stage * n..(stage + 1) * n];
-            row.copy_from_slice(&hover);
-            let mut inputs = vec![0.0; m];
-            let ahead = time + stage as f64 * self.settings.stage;
-            let motion = self.flat.at(target, ahead, Some(attitude), &mut inputs);
-            attitude = motion.attitude;
-            // from where it is, at the reference's attitude
-            motion.write(row);
-            if stage < self.settings.stages {
-                plan.inputs[stage * m..(stage + 1) * m].copy_from_slice(&inputs);
+            let own = plan.states.len();
+            plan.states.extend_from_slice(cost.hover());
+            motion.write(&mut plan.states[own..]);
+            if !is_end {
+                plan.inputs.extend_from_slice(inputs);
             }
         }
-        plan.states[..n].copy_from_slice(state);
-        self.iteration.begin_with(&plan)
-    }
-
-    /// The plant's state when commands that are given now will act.
-    fn when_commands_act(&self, state: &[f64]) -> Vec<f64> {
-        let mut own = state.to_vec();
-        for given in &self.given {
-            own = self.foretell(&own, given);
-        }
-        own
-    }
-
-    /// One step of the plant under commands and the estimated disturbance.
-    fn foretell(&self, state: &[f64], commands: &[f64]) -> Vec<f64> {
-        let mut input = vec![0.0; self.believed.n_input()];
-        let n = commands.len().min(input.len());
-        input[..n].copy_from_slice(&commands[..n]);
-        if let Some(first) = self.believed.disturbances().first() {
-            let (force, moment) = self.disturbance();
-            Disturbance { force, moment, ..Disturbance::none() }.write(&mut input[*first..]);
-        }
-        let theta = if self.believed.n_parameter() > 0 { self.believed.parameters() } else { Vec::new() };
-        let mut next = vec![0.0; state.len()];
-        self.believed.step(state, &input, &theta, &mut next);
-        next
+        plan.states[..state.len()].copy_from_slice(state);
+        Ok(())
     }
 
     /// One tick: plans, and leaves the commands.
@@ -332,20 +362,21 @@ impl Mpc {
         if !self.is_fresh {
             self.iteration.carry_on((self.period / self.settings.stage).min(1.0));
         }
-        let late = self.settings.latency as f64 * self.believed.physics().dt;
-        let ahead = self.when_commands_act(seen.state);
-        let mut state = self.planned.state_of(&ahead)?;
-        base::error::finite("state", &state)?;
-        self.iteration.problem().model().errors.unite(&mut state)?;
-        let time = seen.time + late;
-        self.aim(target, time, [state[6], state[7], state[8], state[9]])?;
-        self.standby.clone_from(self.iteration.plan());
-        let about = |own: &mut Self, iterations| own.iteration.tick(&state, iterations, SHORTEST);
-        let report = match (!self.is_fresh).then(|| about(self, self.settings.iterations)) {
+        let Self { work, given, believed, planned, observer, .. } = self;
+        work.ahead.copy_from_slice(seen.state);
+        given.iter().for_each(|given| believed.step(&mut work.ahead, given, &observer.push()));
+        planned.write_state(&work.ahead, &mut work.state);
+        base::error::finite("state", &work.state)?;
+        self.iteration.problem().model().errors.unite(&mut work.state)?;
+        let late = self.settings.latency as f64 * self.believed.plant.physics().dt;
+        self.aim(target, seen.time + late)?;
+        self.standby.copy_from(self.iteration.plan());
+        let Self { iteration, work, settings, .. } = self;
+        let report = match (!self.is_fresh).then(|| iteration.tick(&work.state, settings.iterations, SHORTEST)) {
             Some(report) if report.is_planned => report,
             before => {
-                self.begin_at_reference(target, time, &state)?;
-                let report = about(self, FIRST_ITERATIONS);
+                iteration.begin_with(&work.plan)?;
+                let report = iteration.tick(&work.state, FIRST_ITERATIONS, SHORTEST);
                 TickReport { recursions: report.recursions + before.map_or(0, |own| own.recursions), ..report }
             }
         };
@@ -363,13 +394,12 @@ impl Mpc {
 
     /// Commands of the plan's first inputs.
     fn command(&mut self) {
-        let inputs = self.iteration.input(0).to_vec();
-        self.planned.write_commands(&inputs, &mut self.commands);
-        for (rotor, left) in self.believed.rotor_places().iter().zip(&self.effectiveness) {
+        self.planned.write_commands(self.iteration.input(0), &mut self.commands);
+        for (action, left) in self.actions.iter().zip(&self.effectiveness) {
             if *left < 1.0 {
                 // a weak rotor turns slower at the same command
-                let share = 0.5 * (self.commands[rotor.action] + 1.0) / left.max(STOPPED);
-                self.commands[rotor.action] = 2.0 * share.clamp(0.0, 1.0) - 1.0;
+                let share = 0.5 * (self.commands[*action] + 1.0) / left.max(STOPPED);
+                self.commands[*action] = 2.0 * share.clamp(0.0, 1.0) - 1.0;
             }
         }
     }
@@ -561,13 +591,22 @@ impl Observer {
             estimate: Vector6::zeros(),
             most: Vector6::from_iterator(most),
             is_told_moment: false,
-            foretold: None,
+            foretold: vec![0.0; believed.n_state()],
+            foretells: false,
         })
     }
 
+    /// The estimate.
+    fn push(&self) -> Push {
+        let d = &self.estimate;
+        Push { force: [d[0], d[1], d[2]], moment: [d[3], d[4], d[5]] }
+    }
+
     fn learn(&mut self, state: &[f64]) {
-        let Some(foretold) = self.foretold.take() else { return };
-        let (now, foretold) = (velocities(state), velocities(&foretold));
+        if !std::mem::take(&mut self.foretells) {
+            return;
+        }
+        let (now, foretold) = (velocities(state), velocities(&self.foretold));
         let missing = Vector6::from_fn(|k, _| now[k] - foretold[k]);
         let learnt = self.estimate + self.share * self.inverse.component_mul(&missing);
         if learnt.iter().all(|x| x.is_finite()) {
@@ -594,7 +633,7 @@ impl Controller for Mpc {
     }
 
     fn holds_tilt(&self) -> bool {
-        holds_tilt(&self.believed)
+        holds_tilt(&self.believed.plant)
     }
 
     fn tracked(&self, state: &[f64]) -> Kinematics<f64> {
@@ -607,7 +646,7 @@ impl Controller for Mpc {
     fn reset(&mut self) {
         if self.effectiveness.iter().any(|left| *left < 1.0) {
             self.effectiveness.fill(1.0);
-            self.believed = self.whole.clone();
+            self.believed = Believed::new(self.whole.clone());
             let (lower, upper) = self.planned.bounds();
             // as when it was made
             let _ = self.iteration.problem_mut().set_bounds(&lower, &upper);
@@ -617,10 +656,10 @@ impl Controller for Mpc {
         self.is_fresh = true;
         self.falls_back = false;
         self.observer.estimate = Vector6::zeros();
-        self.observer.foretold = None;
+        self.observer.foretells = false;
         self.given.iter_mut().for_each(|given| given.clone_from(&self.hover));
         self.commands.clone_from(&self.hover);
-        self.statistics = MpcStatistics::default();
+        self.statistics = MpcStatistics::new();
         self.last = None;
         if let Some(fallback) = &mut self.fallback {
             fallback.reset();
@@ -637,7 +676,7 @@ impl Controller for Mpc {
         let places = self.whole.rotor_places();
         length("effectiveness of rotors", effectiveness.len(), places.len())?;
         self.effectiveness.copy_from_slice(effectiveness);
-        self.believed = self.whole.damaged(effectiveness)?;
+        self.believed = Believed::new(self.whole.damaged(effectiveness)?);
         let (mut lower, mut upper) = self.planned.bounds();
         for (rotor, left) in places.iter().zip(effectiveness) {
             if let Some(i) = self.planned.commands().iter().position(|k| *k == rotor.action) {
@@ -741,12 +780,20 @@ impl Mpc {
 
     /// Learns what was sent in this step, where `state` was measured.
     pub(super) fn sent(&mut self, state: &[f64], commands: &[f64]) {
-        self.given.push(commands.to_vec());
-        let acts = self.given.remove(0);
-        if self.observer.share > 0.0 {
+        let Self { observer, given, believed, .. } = self;
+        if observer.share > 0.0 {
             // the velocities at the next tick, step by step from what is measured in this one
-            let before = if self.is_due() { None } else { self.observer.foretold.take() };
-            self.observer.foretold = Some(self.foretell(before.as_deref().unwrap_or(state), &acts));
+            if self.step.is_multiple_of(self.every) || !observer.foretells {
+                observer.foretold.copy_from_slice(state);
+                observer.foretells = true;
+            }
+            let push = observer.push();
+            believed.step(&mut observer.foretold, given.first().map_or(commands, |own| own), &push);
+        }
+        if let Some(first) = given.first_mut() {
+            let n = first.len().min(commands.len());
+            first[..n].copy_from_slice(&commands[..n]);
+            given.rotate_left(1);
         }
         self.step += 1;
     }

@@ -5,7 +5,7 @@
 //! [`System`]: gradients of flights by weights, closed loops in batches. [`Mpc`](super::Mpc) is what flies: it keeps its plan, takes
 //! one program a tick and estimates disturbances.
 
-use super::flat_motion::FlatMotion;
+use super::flat_motion::{FlatMotion, Push};
 use super::mpc::MpcSettings;
 use super::planned_plant::PlannedPlant;
 use super::problem::OptimalTrajectory;
@@ -93,6 +93,40 @@ impl Inner {
         self.idle.lock().unwrap_or_else(PoisonError::into_inner).push(own);
     }
 
+    /// Solves the problem that the numbers describe, and hands on what takes adjoints of the first inputs to those of the numbers; nothing
+    /// where it does not converge or its solution has no derivative.
+    fn about(&self, x: &[f64], each: impl FnOnce(&mut dyn FnMut(&[f64], &mut [f64]))) {
+        let Some(own) = self.solved(x) else { return };
+        if let Ok(mut sensitivity) = SolutionSensitivity::new(own.problem(), own.plan()) {
+            each(&mut |y_bar, x_bar| self.write_adjoint(&own, &mut sensitivity, y_bar, x_bar));
+        }
+        self.give_back(own);
+    }
+
+    fn write_adjoint(
+        &self,
+        own: &RealTimeIteration,
+        sensitivity: &mut SolutionSensitivity,
+        y_bar: &[f64],
+        x_bar: &mut [f64],
+    ) {
+        let mut inputs = vec![0.0; own.plan().inputs.len()];
+        inputs[..y_bar.len()].copy_from_slice(y_bar);
+        let adjoint = sensitivity.reverse(own.problem(), &inputs, &[]);
+        let (state, rest) = x_bar.split_at_mut(adjoint.start.len());
+        let (targets, weights) = rest.split_at_mut(self.n_target());
+        state.copy_from_slice(&adjoint.start);
+        weights.fill(0.0);
+        let (n, first) = (self.n_instant(), self.planned.n_parameter());
+        let n_parameter = own.problem().model().n_parameter();
+        for (stage, row) in adjoint.parameters.chunks_exact(n_parameter).enumerate() {
+            targets[stage * n..(stage + 1) * n].copy_from_slice(&row[first..first + n]);
+            if stage < self.settings.stages || !self.settings.endless {
+                weights.iter_mut().zip(&row[first + n..]).for_each(|(sum, own)| *sum += own);
+            }
+        }
+    }
+
     fn solve(&self, own: &mut RealTimeIteration, x: &[f64]) -> Result<()> {
         base::error::finite("arguments of a tick", x)?;
         let (state, rest) = x.split_at(self.planned.n_state());
@@ -117,6 +151,11 @@ impl Inner {
             }
         }
         plan.states[..state.len()].copy_from_slice(state);
+        // lengths of quaternions mean nothing, but a plan keeps those that it begins with
+        for row in plan.states.chunks_exact_mut(state.len()) {
+            own.problem().model().errors.unite(row)?;
+        }
+        let state = &plan.states[..state.len()];
         own.problem_mut().set_start(state)?;
         own.begin_with(&plan)?;
         let report = own.tick(state, MOST_PROGRAMS, CONVERGED);
@@ -150,37 +189,22 @@ impl CustomFunction for Shared {
     }
 
     fn forward(&self, x: &[f64], dx: &[f64], dy: &mut [f64]) {
-        let (mut seed, mut row) = (vec![0.0; dy.len()], vec![0.0; x.len()]);
-        for i in 0..dy.len() {
-            seed[i] = 1.0;
-            self.reverse(x, &seed, &mut row);
-            seed[i] = 0.0;
-            dy[i] = row.iter().zip(dx).map(|(a, b)| a * b).sum();
-        }
+        dy.fill(f64::NAN);
+        self.0.about(x, |adjoint| {
+            // few outputs, many inputs: by rows
+            let (mut seed, mut row) = (vec![0.0; dy.len()], vec![0.0; dx.len()]);
+            for i in 0..dy.len() {
+                seed[i] = 1.0;
+                adjoint(&seed, &mut row);
+                seed[i] = 0.0;
+                dy[i] = row.iter().zip(dx).map(|(a, b)| a * b).sum();
+            }
+        });
     }
 
     fn reverse(&self, x: &[f64], y_bar: &[f64], x_bar: &mut [f64]) {
-        let inner = &*self.0;
         x_bar.fill(f64::NAN);
-        let Some(own) = inner.solved(x) else { return };
-        if let Ok(mut sensitivity) = SolutionSensitivity::new(own.problem(), own.plan()) {
-            let mut inputs = vec![0.0; own.plan().inputs.len()];
-            inputs[..y_bar.len()].copy_from_slice(y_bar);
-            let adjoint = sensitivity.reverse(own.problem(), &inputs, &[]);
-            let (state, rest) = x_bar.split_at_mut(adjoint.start.len());
-            let (targets, weights) = rest.split_at_mut(inner.n_target());
-            state.copy_from_slice(&adjoint.start);
-            weights.fill(0.0);
-            let (n, first) = (inner.n_instant(), inner.planned.n_parameter());
-            let n_parameter = own.problem().model().n_parameter();
-            for (stage, row) in adjoint.parameters.chunks_exact(n_parameter).enumerate() {
-                targets[stage * n..(stage + 1) * n].copy_from_slice(&row[first..first + n]);
-                if stage < inner.settings.stages || !inner.settings.endless {
-                    weights.iter_mut().zip(&row[first + n..]).for_each(|(sum, own)| *sum += own);
-                }
-            }
-        }
-        inner.give_back(own);
+        self.0.about(x, |adjoint| adjoint(y_bar, x_bar));
     }
 }
 
@@ -206,7 +230,8 @@ impl ControlLaw for MpcLaw {
         let mut before = None;
         for (stage, row) in row.chunks_exact_mut(inner.n_instant()).enumerate() {
             let (motion, inputs) = row.split_at_mut(Kinematics::<f64>::DIM);
-            let own = inner.flat.at(target, time + stage as f64 * inner.settings.stage, before, inputs);
+            let own =
+                inner.flat.at(target, time + stage as f64 * inner.settings.stage, &Push::default(), before, inputs);
             before = Some(own.attitude);
             own.write(motion);
         }

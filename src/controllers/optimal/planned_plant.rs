@@ -121,6 +121,13 @@ impl PlannedPlant {
         Ok(self.states_of(plant_state))
     }
 
+    /// Writes them, `[n_state]`.
+    pub(super) fn write_state(&self, plant_state: &[f64], state: &mut [f64]) {
+        for ((own, k), unit) in state.iter_mut().zip(&self.kept).zip(&self.units) {
+            *own = if *unit == 1.0 { plant_state[*k] } else { plant_state[*k] * (1.0 / unit) };
+        }
+    }
+
     /// Likewise over any scalar.
     pub(super) fn states_of<S: Scalar>(&self, plant_state: &[S]) -> Vec<S> {
         let of = |(k, unit): (&usize, &f64)| {

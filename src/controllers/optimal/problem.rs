@@ -26,6 +26,14 @@ pub struct OptimalTrajectory {
     pub inputs: Vec<f64>,
 }
 
+impl OptimalTrajectory {
+    /// Takes the numbers of another into its own memory.
+    pub(super) fn copy_from(&mut self, other: &Self) {
+        self.states.clone_from(&other.states);
+        self.inputs.clone_from(&other.inputs);
+    }
+}
+
 /// Most stages of a problem.
 pub const MAX_STAGES: usize = 100_000;
 
@@ -71,15 +79,16 @@ impl OptimalProblem {
         &self.start
     }
 
-    /// Another start, `[n_state]`.
+    /// Another start, `[n_state]`; its quaternions are made unit ones.
     ///
     /// # Errors
-    /// [`Error::Value`] for another length, or a number that is not finite.
+    /// [`Error::Value`] for another length, a number that is not finite, or a quaternion of no length.
     pub fn set_start(&mut self, start: &[f64]) -> Result<()> {
         length("state of the start", start.len(), self.model.n_state())?;
         finite("start", start)?;
-        self.start.clear();
-        self.start.extend_from_slice(start);
+        let mut own = start.to_vec();
+        self.model.errors.unite(&mut own)?;
+        self.start = own;
         Ok(())
     }
 

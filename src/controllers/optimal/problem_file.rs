@@ -149,6 +149,16 @@ pub enum BoundsInFile {
     Same([f64; 2]),
     /// Of every input.
     Each(Vec<[f64; 2]>),
+    /// `"free"`: none but what rotors and drives can.
+    Word(NoBounds),
+}
+
+/// No bounds beside those of the vehicle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum NoBounds {
+    /// `"free"`.
+    Free,
 }
 
 /// How a search begins.
@@ -471,7 +481,7 @@ impl ProblemFile {
         let (mut lower, mut upper) = plant.bounds();
         let n = lower.len();
         let own = match &self.bounds {
-            None => return Ok((lower, upper)),
+            None | Some(BoundsInFile::Word(NoBounds::Free)) => return Ok((lower, upper)),
             Some(BoundsInFile::Same(own)) => {
                 let of = |i: usize| if plant.is_rotor(i) { *own } else { [lower[i], upper[i]] };
                 (0..n).map(of).collect()

@@ -108,7 +108,7 @@ impl RealTimeIteration {
         length("inputs of the plan", plan.inputs.len(), self.plan.inputs.len())?;
         base::error::finite("states of the plan", &plan.states)?;
         base::error::finite("inputs of the plan", &plan.inputs)?;
-        self.plan.clone_from(plan);
+        self.plan.copy_from(plan);
         self.solver.forget();
         Ok(())
     }

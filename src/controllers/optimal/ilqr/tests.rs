@@ -43,6 +43,30 @@ fn the_flip_turns_once_over() {
     assert!(attitudes[0][0] * attitudes[attitudes.len() - 1][0] < -0.99);
 }
 
+/// Costs of the flights with bounded thrusts are those of CasADi with IPOPT and Newton's method on the active set, and those that crocoddyl
+/// 3.2.1 comes to, rolled out by our step and cost: it weighs a stage at the nodes of its integrator. Without bounds but those of rotors, which
+/// do not pull down.
+#[test]
+fn the_flight_from_point_to_point_costs_no_more_than_with_other_tools() {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../crates/bench/rivals/problems/");
+    for (name, optimum, other) in [
+        ("point_to_point_bounded", Some(0.006657889760796726), 0.006665836966168678),
+        ("point_to_point_bounded_50", Some(0.00670493460677288), 0.006712824611656561),
+        ("point_to_point_free", None, 0.005458066824372495),
+        ("point_to_point_free_50", None, 0.03898500159775757),
+    ] {
+        let course = ProblemFile::open(format!("{folder}{name}.toml")).unwrap();
+        let (_, report) = solved(&course, FirstGuess::Line);
+        let n = report.iterations.len();
+        let off = optimum.map(|optimum| report.cost / optimum - 1.0);
+        println!("{name}: {:?}, {:.10} after {n} iterations, off the optimum by {off:?}", report.status, report.cost);
+        assert_eq!(report.status, IlqrStatus::Solved);
+        assert!(report.cost < other && off.is_none_or(|off| off.abs() < 1e-6), "{name}: {}, {off:?}", report.cost);
+        // measured: at most 8
+        assert!(n <= 12, "{name}: {n}");
+    }
+}
+
 /// The problem of `crates/bench/rivals/problems/hummingbird_speed_equal_lags.toml`; its optimum is that of CasADi with IPOPT and of Newton's
 /// method on the active set, both with a model of their own, to 1e-13.
 #[test]
