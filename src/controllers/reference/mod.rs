@@ -9,6 +9,7 @@ mod circle;
 mod ellipse;
 mod hover;
 mod lemniscate;
+mod pointed;
 mod sampled;
 mod setpoint;
 mod tilt;
@@ -20,6 +21,7 @@ pub use circle::Circle;
 pub use ellipse::Ellipse;
 pub use hover::{Hover, Step};
 pub use lemniscate::{Lemniscate, lemniscate_curve, lemniscate_phase};
+pub use pointed::Pointed;
 pub use sampled::{MAX_SAMPLES, Sampled};
 pub use setpoint::Setpoint;
 pub use tilt::Tilt;
@@ -51,6 +53,8 @@ pub enum Reference {
     Sampled(Sampled),
     /// Where a drone must be for its load to follow a path. Not among [`Reference::NAMES`]: it needs a lever.
     Carried(Carried),
+    /// Along a lemniscate with an axis that points at a place. Not among [`Reference::NAMES`]: it needs a place.
+    Pointed(Pointed),
     /// Of your own: a value in a program, never in a file.
     #[serde(skip)]
     Own(CustomTrajectory),
@@ -100,6 +104,7 @@ impl Reference {
             Self::Waypoints(r) => r,
             Self::Sampled(r) => r,
             Self::Carried(r) => r,
+            Self::Pointed(r) => r,
             Self::Own(r) => &*r.0,
         }
     }
@@ -139,7 +144,8 @@ impl Reference {
         Jet { coefficients: [value, rate, change] }
     }
 
-    /// Roll and pitch, rad, as Taylor series in time about t (s): zero unless a trajectory of your own asks for more.
+    /// Roll and pitch, rad, as Taylor series in time about t (s): zero unless [`Pointed`] or a trajectory of your own
+    /// asks for more.
     pub fn angles(&self, t: f64) -> [Jet<f64, 3>; 2] {
         self.trajectory().angles(t)
     }

@@ -19,7 +19,13 @@ use crate::task_spec::Smoothness;
 use crate::track_path::{Follow, PATH, PathRange, TrackPath, about_path};
 use autodiff::{Array, Mask, Scalar, Trace, safe};
 use base::error::Result;
+use controllers::reference::{Pointed, Reference};
 use dynamics::spatial::{Vec3, dot, sub};
+
+/// Until the frame of our controllers points at the place, s: of 2, 3 and 4 s the one in which fewest frames left the path.
+const TURN: f64 = 4.0;
+/// Most that it leans, rad: drones push within 70° of its axis, and what is left of that bends the path.
+const MOST: f64 = 1.0;
 
 /// The path of a heavy team.
 pub(super) fn wide_path() -> PathRange {
@@ -148,7 +154,10 @@ impl Task for OverTrack {
     }
 
     fn reference(&self, view: &View<'_, f64>) -> Option<TaskReference> {
-        Some(self.path.lead(view, &view.frame(FRAME_BODY)))
+        let frame = view.frame(FRAME_BODY);
+        let path = self.path.reference(view.goal, frame.yaw());
+        let led = Pointed { path, place: view.goal.array(PATH), ramp: TURN, most: MOST };
+        Some(TaskReference::one(Reference::Pointed(led)).of(frame.position))
     }
 
     fn ideal(&self, start: &mut Start<'_>) {

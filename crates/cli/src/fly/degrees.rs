@@ -1,7 +1,7 @@
 //! Yaw that was probably meant in degrees.
 
 use omnidrones::controllers::Reference;
-use omnidrones::controllers::reference::{Ellipse, Hover};
+use omnidrones::controllers::reference::{Ellipse, Hover, Pointed};
 use std::f64::consts::TAU;
 
 /// Degrees that people write are whole multiples of this.
@@ -13,7 +13,7 @@ pub(super) fn hint(reference: &Reference) -> Option<String> {
         Reference::Hover(Hover { yaw, .. }) | Reference::Ellipse(Ellipse { yaw, .. }) => vec![("yaw".into(), *yaw)],
         Reference::Step(r) => vec![("yaw".into(), r.yaw)],
         Reference::Circle(r) => vec![("yaw".into(), r.yaw)],
-        Reference::Lemniscate(r) => vec![("yaw".into(), r.yaw)],
+        Reference::Pointed(Pointed { path: r, .. }) | Reference::Lemniscate(r) => vec![("yaw".into(), r.yaw)],
         Reference::Waypoints(r) => {
             r.points().iter().enumerate().map(|(i, p)| (format!("points[{i}].yaw"), p.yaw)).collect()
         }
