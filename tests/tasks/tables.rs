@@ -78,7 +78,7 @@ const UNSEEN: &[(&str, bool, &str)] = &[
     ("InvPendulumHover", true, "the ball may be under way for longer"),
     ("PayloadHover", true, "the ball is pushed"),
     ("OverHover", true, "the platform may be under way for longer"),
-    ("OverTrack", true, "our controller holds the frame level, and the path leans"),
+    ("OverTrack", true, "our controller takes four seconds to turn the frame, and a success lasts two"),
     ("TransportHover", true, "the box may be under way for longer"),
     ("DragonHover", true, "the chain may be under way for longer"),
     ("Forest", true, "the way to the other side takes longer"),
