@@ -30,39 +30,47 @@ struct Walk {
 }
 
 impl Walk {
-    /// The slopes and the diagonal of the curvature by the inputs, those that are `free` then taken for optimal.
+    /// The slopes and the diagonal of the curvature by the inputs `u`; those that no bound keeps are then taken for optimal.
     fn back(
         &mut self,
         [a, b]: [&DMatrix<f64>; 2],
         [q, s, r]: [&DMatrix<f64>; 3],
         [by_state, by_input]: [&DVector<f64>; 2],
-        free: &[usize],
+        (u, lower, upper): (&[f64], &[f64], &[f64]),
     ) -> (DVector<f64>, Vec<f64>) {
         let slope = by_input + b.tr_mul(&self.costate);
         let p = &self.cost_to_go;
         let (rt, st) = (r + b.tr_mul(&(p * b)), s + b.tr_mul(&(p * a)));
         let mut qt = q + a.tr_mul(&(p * a));
+        let mut costate = by_state + a.tr_mul(&self.costate);
+        let is_free = |i: &usize| {
+            let next = u[*i] - newton_step(slope[*i], rt[(*i, *i)]);
+            [u[*i], next].iter().all(|u| lower[*i] < *u && *u < upper[*i])
+        };
+        let free: Vec<usize> = (0..u.len()).filter(is_free).collect();
         if !free.is_empty() {
             let rows = |m: &DMatrix<f64>| DMatrix::from_fn(free.len(), m.ncols(), |i, j| m[(free[i], j)]);
             let own = DMatrix::from_fn(free.len(), free.len(), |i, j| rt[(free[i], free[j])]);
             if let Some(factor) = own.cholesky() {
                 qt -= rows(&st).tr_mul(&factor.solve(&rows(&st)));
+                let pushed = DVector::from_fn(free.len(), |i, _| slope[free[i]]);
+                costate -= rows(&st).tr_mul(&factor.solve(&pushed));
             }
         }
-        self.costate = by_state + a.tr_mul(&self.costate);
+        self.costate = costate;
         self.cost_to_go = 0.5 * (&qt + qt.transpose());
         (slope, rt.diagonal().iter().copied().collect())
     }
 }
 
-/// u − P(u − g/d) of one input.
-fn projected_step(u: f64, slope: f64, curvature: f64, [lower, upper]: [f64; 2]) -> f64 {
-    let moved = if curvature > 0.0 { slope / curvature } else { slope };
-    u - (u - moved).max(lower).min(upper)
+/// g/d of one input.
+fn newton_step(slope: f64, curvature: f64) -> f64 {
+    if curvature > 0.0 { slope / curvature } else { slope }
 }
 
-fn inside(inputs: &[f64], lower: &[f64], upper: &[f64]) -> Vec<usize> {
-    (0..inputs.len()).filter(|i| lower[*i] < inputs[*i] && inputs[*i] < upper[*i]).collect()
+/// u − P(u − g/d).
+fn projected_step(u: f64, slope: f64, curvature: f64, [lower, upper]: [f64; 2]) -> f64 {
+    u - (u - newton_step(slope, curvature)).max(lower).min(upper)
 }
 
 /// How far a solution of a program is from its conditions of optimality: of its inputs in shares of their ranges, of its states in shares
@@ -88,8 +96,8 @@ fn distance_of_program(qp: &StageQp, solver: &QpSolver) -> f64 {
         let ((a, b, _), ([q, s, r], [by_state, by_input]), (lower, upper)) = (qp.dynamics(k), qp.cost(k), qp.bounds(k));
         let (x, u) = (&states[k], input(k));
         let slopes = [&q * x + s.tr_mul(&u) + by_state, &s * x + &r * &u + by_input];
-        let free = inside(u.as_slice(), lower, upper);
-        let (slope, curvature) = walk.back([&a, &b], [&q, &s, &r], [&slopes[0], &slopes[1]], &free);
+        let at = (u.as_slice(), lower, upper);
+        let (slope, curvature) = walk.back([&a, &b], [&q, &s, &r], [&slopes[0], &slopes[1]], at);
         for i in 0..u.len() {
             assert!(lower[i] <= u[i] && u[i] <= upper[i], "{} within [{}, {}]", u[i], lower[i], upper[i]);
             let moved = projected_step(u[i], slope[i], curvature[i], [lower[i], upper[i]]).abs();
@@ -186,9 +194,7 @@ fn fly_through(mut mpc: Mpc, plant: &Plant, n_tick: usize, seed: u64) -> Fared {
         if last.is_some_and(|report| report.is_planned && report.qp.status == QpStatus::Solved) {
             fared.solved += 1;
             let left = distance_of_program(mpc.iteration().program(), mpc.iteration().solver());
-            if !(left <= fared.worst) {
-                fared.worst = left;
-            }
+            fared.worst = fared.worst.max(left);
             assert!(left <= 1e-6, "tick {tick}: {left:e}, told {:?}, from {state:?}", last.unwrap());
         }
     }
@@ -353,7 +359,7 @@ impl<F: System> Recorded<F> {
         problem
     }
 
-    /// Cost of a trajectory, Σ |gaps| and Σ |g (u − P(u − g/d))|: what a step along the slope would gain to first order.
+    /// Cost of a trajectory, Σ |gaps| and Σ |g (u − P(u − g/d))| with later inputs optimal: what a step would gain to first order.
     fn judged(&self, problem: &OptimalProblem, at: &OptimalTrajectory) -> [f64; 3] {
         let (n, m, n_theta) = (self.system.n_state(), self.system.n_input(), self.system.n_parameter());
         let stages = problem.n_stage();
@@ -379,9 +385,9 @@ impl<F: System> Recorded<F> {
             let r = DMatrix::from_diagonal(&DVector::from_column_slice(&weights[n..]));
             let (by_state, by_input) = (slope.rows(0, n).into_owned(), slope.rows(n, m).into_owned());
             let (lower, upper) = problem.bounds(k);
-            let free = inside(u, lower, upper);
+            let at = (u, lower, upper);
             let costs = [&q, &DMatrix::zeros(m, n), &r];
-            let (slope, curvature) = walk.back([&own.state, &own.input], costs, [&by_state, &by_input], &free);
+            let (slope, curvature) = walk.back([&own.state, &own.input], costs, [&by_state, &by_input], at);
             for i in 0..m {
                 gain += (slope[i] * projected_step(u[i], slope[i], curvature[i], [lower[i], upper[i]])).abs();
             }
@@ -497,7 +503,7 @@ fn random_problems(count: usize) {
         println!("linear {is_linear}: {of:?}");
     }
     println!("refused {refused} of {count}, worst of the solved {:.1e} and {:.1e}", worst[0], worst[1]);
-    assert!(counted(true, IlqrStatus::Solved) * 2 > count && refused > 0);
+    assert!(counted(true, IlqrStatus::Solved) * 2 > count);
 }
 
 #[test]
@@ -506,7 +512,7 @@ fn two_hundred_random_problems_end_with_a_report() {
 }
 
 #[test]
-#[ignore = "minutes: cargo test --release --test controllers ten_thousand_random_problems -- --ignored --nocapture"]
+#[ignore = "two minutes: cargo test --release --test controllers ten_thousand_random_problems -- --ignored --nocapture"]
 fn ten_thousand_random_problems_end_with_a_report() {
     random_problems(10_000);
 }
@@ -650,6 +656,23 @@ fn a_cost_that_bends_downwards_is_never_called_solved() {
     }
     let report = QpSolver::new(&qp).solve(&qp, &[1.0], &QpSettings::default());
     assert_eq!(report.status, QpStatus::NotConvex(1));
+}
+
+#[test]
+fn an_input_that_a_bound_holds_may_have_a_cost_that_bends_downwards() {
+    // cost −u²/2 − 2u within [−1, 1]: least at 1, where the slope is −3
+    let mut qp = StageQp::new(1, 1, 1).unwrap();
+    let [one, none] = [1.0, 0.0].map(|x| DMatrix::from_element(1, 1, x));
+    let zero = DVector::zeros(1);
+    qp.set_dynamics(0, &one, &none, &zero).unwrap();
+    qp.set_bounds(0, &[-1.0], &[1.0]).unwrap();
+    let mut solver = QpSolver::new(&qp);
+    // a set that holds it is known from a convex program
+    qp.set_cost(0, [&one, &none, &one], [&zero, &DVector::from_element(1, -2.0)]).unwrap();
+    assert_eq!(solver.solve(&qp, &[1.0], &QpSettings::default()).status, QpStatus::Solved);
+    qp.set_cost(0, [&one, &none, &-&one], [&zero, &DVector::from_element(1, -2.0)]).unwrap();
+    let report = solver.solve(&qp, &[1.0], &QpSettings::default());
+    assert_eq!((report.status, report.residual, solver.input(0)[0]), (QpStatus::Solved, 0.0, 1.0));
 }
 
 #[test]

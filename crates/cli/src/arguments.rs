@@ -3,6 +3,7 @@
 use crate::prelude::*;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Arg, Args, ValueEnum};
+use omnidrones::controllers::optimal::MpcSettings;
 use omnidrones::controllers::{FlightPlan, Rates, Reference};
 use omnidrones::dynamics::aero::wind::{Dryden, Wind};
 use omnidrones::dynamics::{Effects, Gains, Integrator, Physics, Vehicle};
@@ -414,6 +415,16 @@ pub fn check_gains(flight: &FlightArguments, controller: Option<&str>, rigid: bo
 /// Whether a controller of rigid vehicles has no gains of levels.
 pub fn is_optimal(name: &str) -> bool {
     ["lqr", "lqi", "mpc"].contains(&name)
+}
+
+/// The settings of `--mpc`, which are of that controller alone.
+pub fn mpc_settings(file: Option<&Path>, controller: &str) -> Result<Option<MpcSettings>> {
+    let Some(file) = file else { return Ok(None) };
+    if controller != "mpc" {
+        let value = format!("given with controller '{controller}'");
+        return Err(Error::value("--mpc", value, "given with --controller mpc", "Leave one of both out, or add it."));
+    }
+    files::read_toml(file).map(Some)
 }
 
 /// A reference of a name or in a file, checked.

@@ -1,11 +1,12 @@
 //! `omnidrones design`: a vehicle's steady flight, its modes, and what its control loop bears.
 
 mod figures;
+mod planned;
 mod report;
 
 use self::figures::Loops;
 use self::report::Subject;
-use super::arguments::{PlotArguments, WRITTEN};
+use super::arguments::{PlotArguments, WRITTEN, mpc_settings};
 use super::robot::FlyerArguments;
 use super::robustness::{self, PlantArguments};
 use super::source::Source;
@@ -19,6 +20,7 @@ use omnidrones::controllers::linear::{
     DiskMargin, HiddenModes, Mode, ON_CIRCLE, Signal, StateSpace, modes, unreachable,
 };
 use omnidrones::controllers::reference::{Hover, Reference};
+use omnidrones::controllers::registry::REGISTRY;
 use omnidrones::controllers::{ClosedLoop, Target};
 use omnidrones::dynamics::spatial::to_euler;
 use omnidrones::dynamics::{Disturbance, Gains, Physics, Plant, Vehicle};
@@ -28,7 +30,10 @@ use std::f64::consts::PI;
 pub const ABOUT: &str = "\
 Report what a control engineer asks of a vehicle: the steady flight (hover, or hover in a wind), the modes of the vehicle \
 alone, the poles of its control loop, gain, phase, delay and disk margins at every command and at what is measured, and the disk \
-margin of all commands at once. The loop is that of the cascade as it flies: sampled, with the rate of every level, its holds and its latency.";
+margin of all commands at once. The loop is that of the cascade as it flies: sampled, with the rate of every level, its holds and its latency.
+
+With --controller mpc it is that of a model predictive controller where no bound acts: the feedback of its plan about hover, its poles and \
+margins, and how long a tick takes on a short flight. It reports configurations too.";
 
 const EXAMPLES: &str = "\
 Examples:
@@ -40,6 +45,8 @@ Examples:
   omnidrones design hummingbird --plot loop.svg          loop and sensitivity over frequency
   omnidrones design hummingbird --save model.json        the linear plant, for other tools
   omnidrones design iris --report iris.html              the report as a page, with plots
+  omnidrones design hummingbird --controller mpc         of a plan in every tick: feedback, poles, margins, time
+  omnidrones design payload --controller mpc             of a drone with a load
 
 Margins are of the loop broken at one point while all other paths stay closed. A disk margin is a change of gain and phase \
 at once, in all commands together where it says so (Seiler, Packard and Gahinet 2020): 0.5 stands for a factor of 0.6 to 1.67 \
@@ -53,6 +60,10 @@ Files: --save writes A, B, C, D of one step with the names and units of all sign
 writes one page that needs no other file and no network: all tables, gains, Nyquist curves, poles, steps of the position, \
 loop and sensitivity.
 
+--controller mpc: motors answer with the longer of their lags here too. The estimate of disturbances and the latency are left out, \
+since a plan begins where commands act. --save writes the plant of a tick, with the errors that the feedback multiplies as states. The \
+flight follows the lemniscate of 'fly' for 5 s, with commands as late as the settings say. Times are of this machine.
+
 JSON: SI units, radians; margins that are not met up to factors of 100 and delays of 128 steps are null. Motors answer with the longer of their lags, up or down.
 
 Exit codes: 0 reported, and the loop is stable; 1 it is not, or does not settle; 2 unusable input or arguments.";
@@ -65,6 +76,12 @@ Exit codes: 0 reported, and the loop is stable; 1 it is not, or does not settle;
 pub struct Arguments {
     #[command(flatten)]
     flyer: FlyerArguments,
+    /// Whose loop: cascade or mpc
+    #[arg(long, value_name = "NAME", default_value = "cascade", help_heading = "Controller")]
+    controller: String,
+    /// How --controller mpc plans: a file of its settings, as 'fly --help' lists them
+    #[arg(long, value_name = "FILE.toml", help_heading = "Controller")]
+    mpc: Option<PathBuf>,
     /// Steady wind [m/s] in which the vehicle holds its place
     #[arg(long, value_name = "X,Y,Z", value_delimiter = ',', allow_hyphen_values = true, help_heading = "Flight")]
     wind: Option<Vec<f64>>,
@@ -104,8 +121,13 @@ pub fn run(a: &Arguments) -> Result<Report> {
     a.flyer.flight.check()?;
     a.output.check()?;
     a.flyer.refuse_reference("design", "Leave it out: linear models are of steady flights.")?;
+    check_controller(&a.controller)?;
+    let mpc = mpc_settings(a.mpc.as_deref(), &a.controller)?;
     let save = files::model_file(a.save.as_deref(), a.output.force)?;
     check_report(a)?;
+    if a.controller == "mpc" {
+        return planned::run(a, mpc, save);
+    }
     let source = a.flyer.source()?;
     let (gains, gains_name) = a.flyer.flight.gains(&source.vehicle)?;
     let mut physics = a.flyer.flight.physics();
@@ -171,6 +193,23 @@ fn unsettled(source: &Source, gains: &str, error: &Error, as_json: bool) -> Repo
     Report::page(&page, false)
 }
 
+/// Refuses a controller whose loop is not judged here.
+fn check_controller(name: &str) -> Result<()> {
+    let judged = ["cascade", "mpc"];
+    if judged.contains(&name) {
+        return Ok(());
+    }
+    if REGISTRY.iter().all(|entry| entry.name != name) {
+        let known = judged.map(String::from).to_vec();
+        return Err(Error::Unknown { kind: "controller of 'design'", name: name.into(), known });
+    }
+    let remedy = match name {
+        "mpc_indi" => "Take mpc: its plan is the same, but the increments between plan and rotors are left out.",
+        _ => "Take one of them. 'omnidrones fly' and 'omnidrones recover' fly the others.",
+    };
+    Err(Error::value("--controller", name, "cascade or mpc in 'design'", remedy))
+}
+
 /// Refuses a report that cannot be written, before any work.
 fn check_report(a: &Arguments) -> Result<()> {
     let Some(file) = &a.report else { return Ok(()) };
@@ -194,7 +233,7 @@ fn draw(
     }
     let loops = Loops::of(found)?;
     if let Some(file) = &a.output.plot {
-        loops.bode(&source.vehicle.name, found).save(file)?;
+        loops.bode(&source.vehicle.name).save(file)?;
     }
     let Some(file) = &a.report else { return Ok(()) };
     let subject = Subject { arguments: a, source, gains, gains_name, found, loops: &loops, plants, stable };
@@ -356,16 +395,19 @@ fn loop_facts(gains: &str, a: &Arguments, found: &Findings, stable: bool) -> Vec
             }
         },
     ];
-    if let Some(all) = &found.all {
-        facts.push(Fact::new("disk margin, all commands", short(all.alpha, 3)).note(format!(
-            "gains {} to {} or phases of {}° in every command at once, met at {} rad/s",
-            short(all.gain.0, 3),
-            unlimited(all.gain.1, 3),
-            short(degrees(all.phase), 3),
-            short(all.omega, 3)
-        )));
-    }
+    facts.extend(found.all.as_ref().map(all_commands));
     facts
+}
+
+/// What the loop bears in all commands at once.
+fn all_commands(disk: &DiskMargin) -> Fact {
+    Fact::new("disk margin, all commands", short(disk.alpha, 3)).note(format!(
+        "gains {} to {} or phases of {}° in every command at once, met at {} rad/s",
+        short(disk.gain.0, 3),
+        unlimited(disk.gain.1, 3),
+        short(degrees(disk.phase), 3),
+        short(disk.omega, 3)
+    ))
 }
 
 /// What the loop bears, broken at one point.
@@ -425,21 +467,25 @@ pub fn mode_json(plant: &StateSpace) -> impl Fn(&Mode) -> Value {
     }
 }
 
+fn disk_json(d: &DiskMargin) -> Value {
+    json!({ "alpha": d.alpha, "omega": d.omega, "gain": [d.gain.0, d.gain.1], "phase": d.phase })
+}
+
+fn margins_json((name, m): &(String, LoopMargins)) -> Value {
+    json!({
+        "at": name, "gain_down": m.gain_down, "gain_up": m.gain_up, "phase": m.phase, "delay": m.delay, "disk": disk_json(&m.disk),
+    })
+}
+
 fn as_json(vehicle: &Vehicle, gains: &str, found: &Findings, stable: bool, written: &[PathBuf]) -> Value {
-    let disk =
-        |d: &DiskMargin| json!({ "alpha": d.alpha, "omega": d.omega, "gain": [d.gain.0, d.gain.1], "phase": d.phase });
-    let rows: Vec<Value> = found.rows.iter().map(|(name, m)| {
-        json!({
-            "at": name, "gain_down": m.gain_down, "gain_up": m.gain_up, "phase": m.phase, "delay": m.delay, "disk": disk(&m.disk),
-        })
-    }).collect();
+    let rows: Vec<Value> = found.rows.iter().map(margins_json).collect();
     json!({
         "command": "design", "vehicle": vehicle.name, "gains": gains, "stable": stable, "stability": found.stability, "stable_with_shorter_lags": stable || found.with_shorter_lags, "dt": found.model.dt, "period": found.model.period(),
         "trim": { "state": found.trim.state, "input": found.trim.input, "residual": found.trim.residual, "limited": found.trim.limited },
         "modes": found.modes.iter().map(mode_json(&found.plant)).collect::<Vec<_>>(),
         "reached": found.hidden.reached, "out_of_reach": found.hidden.names(found.plant.states()),
         "poles": found.poles.iter().map(|p| [p.re, p.im]).collect::<Vec<_>>(),
-        "all_commands": found.all.as_ref().map(disk), "margins": stable.then_some(rows),
+        "all_commands": found.all.as_ref().map(disk_json), "margins": stable.then_some(rows),
         "files": files::names(written),
     })
 }

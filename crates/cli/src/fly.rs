@@ -18,7 +18,6 @@ use super::robot::{self, Robot};
 use super::source::{self, Source};
 use crate::prelude::*;
 use omnidrones::controllers::flight_check::lowest_point;
-use omnidrones::controllers::optimal::MpcSettings;
 use omnidrones::controllers::reference::Lemniscate;
 use omnidrones::controllers::registry::{controller, steerable};
 use omnidrones::controllers::{
@@ -30,6 +29,7 @@ use omnidrones::dynamics::assembly::Member;
 use omnidrones::dynamics::configurations::environment::{environment, vehicle_in};
 use omnidrones::dynamics::scene::Scene;
 use omnidrones::dynamics::sensors::{SensorConfig, SensorFile, SensorSet};
+use omnidrones::dynamics::tree::Multibody;
 use omnidrones::dynamics::{Effects, Gains, Plant};
 use omnidrones::rl::{PolicyController, load_policy};
 use omnidrones_plot::robot::joints;
@@ -364,7 +364,7 @@ fn vehicle(a: &Arguments, around: Option<Around>) -> Result<Flyer> {
     let controller = match policy(a, &believed, &mut warnings)? {
         Some(policy) => policy,
         None => {
-            let mpc = mpc_settings(a, name)?;
+            let mpc = arguments::mpc_settings(a.mpc.as_deref(), name)?;
             controller(name, &believed, &Setup { mpc: mpc.as_ref(), ..Setup::new(Some(&gains), &plan.rates) })?
         }
     };
@@ -443,11 +443,16 @@ fn model_plant(a: &Arguments, robot: &Robot, contact: bool) -> Result<Plant> {
 /// What was asked, else a slow lemniscate high enough for what hangs below.
 fn reference(a: &Arguments, plant: &Plant) -> Result<Reference> {
     let (None, Some(system)) = (&a.flight.reference, plant.tree()) else { return a.flight.reference() };
+    Ok(slow_lemniscate(system))
+}
+
+/// The reference of a configuration unless told otherwise.
+pub fn slow_lemniscate(system: &Multibody) -> Reference {
     let below = -lowest_point(system, &system.rest_state());
     let usual = Lemniscate::default();
     let dip = usual.scale[2] * usual.vertical;
     let height = (ROOM + dip + below).max(usual.origin[2]);
-    Ok(Reference::Lemniscate(Lemniscate { rate: GENTLE, origin: [0.0, 0.0, (10.0 * height).ceil() / 10.0], ..usual }))
+    Reference::Lemniscate(Lemniscate { rate: GENTLE, origin: [0.0, 0.0, (10.0 * height).ceil() / 10.0], ..usual })
 }
 
 /// Who flies a configuration, in what shape.
@@ -459,14 +464,14 @@ fn model_controller(
 ) -> Result<Box<dyn Controller>> {
     let gains = a.flight.own_gains()?;
     if a.controller.is_none() {
-        mpc_settings(a, "that suits the plant")?;
+        arguments::mpc_settings(a.mpc.as_deref(), "that suits the plant")?;
     }
     if let Some(policy) = policy(a, plant, warnings)? {
         a.level()?;
         return Ok(policy);
     }
     if let Some(name) = &a.controller {
-        let mpc = mpc_settings(a, name)?;
+        let mpc = arguments::mpc_settings(a.mpc.as_deref(), name)?;
         let setup = Setup { mpc: mpc.as_ref(), ..Setup::new(gains.as_ref(), &plan.rates) };
         let own = controller(name, plant, &setup)?;
         if a.shape.is_some() || !own.holds_tilt() {
@@ -488,16 +493,6 @@ fn model_controller(
             Ok(own)
         }
     }
-}
-
-/// The settings of --mpc, which are of that controller alone.
-fn mpc_settings(a: &Arguments, controller: &str) -> Result<Option<MpcSettings>> {
-    let Some(path) = &a.mpc else { return Ok(None) };
-    if controller != "mpc" {
-        let value = format!("given with controller '{controller}'");
-        return Err(Error::value("--mpc", value, "given with --controller mpc", "Leave one of both out, or add it."));
-    }
-    files::read_toml(path).map(Some)
 }
 
 /// Refuses effects that need more than one rigid vehicle.

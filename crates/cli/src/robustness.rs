@@ -26,6 +26,11 @@ pub struct PlantArguments {
 }
 
 impl PlantArguments {
+    /// The spread, where it is asked for.
+    pub fn spread(&self) -> Option<f64> {
+        self.spread
+    }
+
     /// Judges the loop where it is asked to.
     pub fn judge(
         &self,

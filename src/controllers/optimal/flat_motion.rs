@@ -99,7 +99,7 @@ impl FlatMotion {
             return motion;
         };
         let acceleration = [0, 1, 2].map(|k| sample.acceleration[k] - push.force[k] / own.body.mass);
-        let (orientation, mut wrench) = flat_command(&own.body, &Setpoint { acceleration, ..sample.clone() });
+        let (orientation, mut wrench) = flat_command(&own.body, &Setpoint { acceleration, ..*sample });
         let moment = rotate(self.attitude, push.moment);
         (0..3).for_each(|k| wrench[1 + k] -= moment[k]);
         let attitude = multiply(from_matrix(orientation.attitude), self.attitude);

@@ -46,7 +46,7 @@ pub enum IlqrStatus {
     Solved,
     /// Out of iterations.
     OutOfIterations,
-    /// No step lowers the cost any more.
+    /// No step lowers the cost any more, but the place is not surely flat: rounding is in the way, or an input has no weight.
     NoStep,
     /// A condition stays violated.
     Violated,
@@ -267,7 +267,9 @@ impl Ilqr {
         goes_on: &mut impl FnMut(usize, &IlqrIteration) -> bool,
     ) -> Result<IlqrStatus> {
         let (mut factor, mut weight_of_gaps) = (0.0_f64, 0.0_f64);
-        let mut is_first = true;
+        let (mut is_first, mut is_stuck) = (true, false);
+        // below this the program was not convex
+        let mut least = 0.0_f64;
         loop {
             let Expanded { cost, gap } = self.expansion.expand(problem, &self.trajectory);
             if is_first && !(cost.is_finite() && gap.is_finite()) {
@@ -301,6 +303,7 @@ impl Ilqr {
                     }
                     QpStatus::NotConvex(_) if factor < REGULARISATION[1] => {
                         factor = (10.0 * factor).max(REGULARISATION[0]);
+                        least = factor;
                     }
                     QpStatus::NotConvex(stage) => {
                         let what = format!("curvature of the cost by the inputs of stage {stage}");
@@ -319,7 +322,16 @@ impl Ilqr {
             let is_closed = gap <= settings.tolerance * (1.0 + self.trajectory.states.len() as f64);
             let is_flat = expected.abs() <= settings.tolerance * (1.0 + cost.abs());
             if is_closed && is_flat {
-                return Ok(IlqrStatus::Solved);
+                if factor == 0.0 {
+                    let is_sure = report.status == QpStatus::Solved;
+                    return Ok(if is_sure { IlqrStatus::Solved } else { IlqrStatus::NoStep });
+                }
+                // what is added to the curvature shortens steps, so that every place looks flat
+                if is_stuck || factor <= least {
+                    return Ok(IlqrStatus::NoStep);
+                }
+                factor = relaxed(factor).max(least);
+                continue;
             }
             if iterations.len() >= settings.max_iterations {
                 return Ok(IlqrStatus::OutOfIterations);
@@ -353,9 +365,10 @@ impl Ilqr {
                 std::mem::swap(&mut self.trajectory, &mut self.trial);
                 (iteration.cost, iteration.gap, iteration.step) = (found, (1.0 - alpha) * gap, alpha);
                 iteration.violation = self.violation(problem);
-                factor = if alpha > 0.5 { 0.1 * factor } else { factor };
-                factor = if factor < REGULARISATION[0] { 0.0 } else { factor };
+                factor = if alpha > 0.5 { relaxed(factor) } else { factor };
+                least = 0.0;
             }
+            is_stuck = taken.is_none();
             let is_told_to_stop = !goes_on(iterations.len(), &iteration);
             iterations.push(iteration);
             if is_told_to_stop {
@@ -490,6 +503,11 @@ impl IlqrSettings {
         }
         Ok(())
     }
+}
+
+/// A tenth of a regularisation, or none.
+fn relaxed(factor: f64) -> f64 {
+    Some(0.1 * factor).filter(|next| *next >= REGULARISATION[0]).unwrap_or(0.0)
 }
 
 #[cfg(test)]

@@ -1,8 +1,8 @@
 //! Model predictive control about hover, where no bound acts: a linear feedback, with its poles and margins.
 //!
 //! There the first input of a plan is u = u₀ + K (x ⊖ x₀), with K of the first stage of the Riccati recursion. The plant answers in
-//! steps of a tick, δ⁺ = A δ + B v, so that the poles are those of A + B K, and the loop cut at input i is
-//! Lᵢ(z) = −Kᵢ (zI − A − Σⱼ≠ᵢ Bⱼ Kⱼ)⁻¹ Bᵢ. Estimate and latency are left out: the plan begins where commands act.
+//! steps of a tick, δ⁺ = A δ + B v, so that the poles are those of A + B K, the loop cut at all inputs is L(z) = −K (zI − A)⁻¹ B, and cut
+//! at input i Lᵢ(z) = −Kᵢ (zI − A − Σⱼ≠ᵢ Bⱼ Kⱼ)⁻¹ Bᵢ. Estimate and latency are left out: the plan begins where commands act.
 
 use super::mpc::{Mpc, with_disturbance};
 use super::planned_plant::PlannedPlant;
@@ -10,7 +10,7 @@ use super::tracking_cost::TrackingWeights;
 use crate::kinematics::Kinematics;
 use crate::linear::{Margins, Signal, StateSpace, eigenvalues, margins};
 use autodiff::{System, linearise};
-use base::error::Result;
+use base::error::{Error, Result};
 use dynamics::{Physics, Plant};
 use nalgebra::{Complex, DMatrix};
 
@@ -19,7 +19,7 @@ use nalgebra::{Complex, DMatrix};
 pub struct LinearMpc {
     /// K, n_input × n_error: from errors of the planned state to planned inputs.
     pub gain: DMatrix<f64>,
-    /// δ⁺ = A δ + B v of a tick, inputs and states named.
+    /// δ⁺ = A δ + B v of a tick, inputs and errors named.
     pub plant: StateSpace,
     /// Of the closed loop per tick, largest modulus first.
     pub poles: Vec<Complex<f64>>,
@@ -51,19 +51,49 @@ impl Mpc {
         iteration.tick(&hover, 3, 0.0);
         let gain = iteration.solver().gain(0);
         let plant = sampled(planned, self.believed(), period)?;
-        let closed = plant.a() + plant.b() * &gain;
-        let m = planned.n_input();
-        let names = planned.input_names();
-        let cut = |i: usize| -> Result<(String, Margins)> {
-            let others = closed.clone() - plant.b().column(i) * gain.row(i);
-            let (b, c) = (plant.b().columns(i, 1).into_owned(), -gain.rows(i, 1).into_owned());
-            let one = StateSpace::new(others, b, c, DMatrix::zeros(1, 1), Some(period))?;
-            Ok((names[i].0.clone(), margins(&one)?))
-        };
-        let own = (0..m).map(cut).collect::<Result<Vec<_>>>()?;
-        let mut poles = eigenvalues(&closed)?;
+        let mut poles = eigenvalues(&(plant.a() + plant.b() * &gain))?;
         poles.sort_by(|a, b| b.norm().total_cmp(&a.norm()));
-        Ok(LinearMpc { gain, plant, poles, margins: own, period })
+        let mut linear = LinearMpc { gain, plant, poles, margins: Vec::new(), period };
+        for (i, (name, _)) in planned.input_names().into_iter().enumerate() {
+            linear.margins.push((name, margins(&linear.cut_at(i)?)?));
+        }
+        Ok(linear)
+    }
+}
+
+impl LinearMpc {
+    /// L of the loop cut at all inputs, closed with −I.
+    ///
+    /// # Errors
+    /// As [`StateSpace::new`].
+    pub fn cut(&self) -> Result<StateSpace> {
+        let (a, b, m) = (self.plant.a().clone(), self.plant.b().clone(), self.gain.nrows());
+        StateSpace::new(a, b, -self.gain.clone(), DMatrix::zeros(m, m), Some(self.period))
+    }
+
+    /// L of the loop cut at one input while the others stay closed, closed with −1.
+    ///
+    /// # Errors
+    /// As [`StateSpace::new`], and [`Error::Value`] for an input that it does not have.
+    pub fn cut_at(&self, input: usize) -> Result<StateSpace> {
+        let (b, m) = (self.plant.b(), self.gain.nrows());
+        if input >= m {
+            return Err(Error::value("input of the loop", input, format!("below {m}"), "Count from 0."));
+        }
+        let others = self.plant.a() + b * &self.gain - b.column(input) * self.gain.row(input);
+        let (b, c) = (b.columns(input, 1).into_owned(), -self.gain.rows(input, 1).into_owned());
+        StateSpace::new(others, b, c, DMatrix::zeros(1, 1), Some(self.period))
+    }
+
+    /// The closed loop, δ⁺ = (A + B K) δ + B v, with what is added to each input as v and the errors as outputs.
+    ///
+    /// # Errors
+    /// As [`StateSpace::new`].
+    pub fn closed(&self) -> Result<StateSpace> {
+        let (plant, gain) = (&self.plant, &self.gain);
+        let a = plant.a() + plant.b() * gain;
+        let closed = StateSpace::new(a, plant.b().clone(), plant.c().clone(), plant.d().clone(), Some(self.period))?;
+        closed.named(plant.states().to_vec(), plant.inputs().to_vec(), plant.outputs().to_vec())
     }
 }
 
@@ -79,7 +109,7 @@ fn sampled(planned: &PlannedPlant, believed: &Plant, period: f64) -> Result<Stat
     let (a, b) = errors.reduce(&hover, &linearise(&step, &hover, &inputs, &vec![0.0; step.n_parameter()]));
     let (n, m) = (a.nrows(), b.ncols());
     let names: Vec<Signal> = step.input_names().into_iter().map(|(name, unit)| Signal::new(name, unit)).collect();
-    let states = Signal::numbered("error_", n);
+    let states: Vec<Signal> = step.error_names()?.into_iter().map(|(name, unit)| Signal::new(name, unit)).collect();
     StateSpace::new(a, b, DMatrix::identity(n, n), DMatrix::zeros(n, m), Some(period))?.named(
         states.clone(),
         names,
@@ -119,5 +149,28 @@ mod tests {
             );
             assert!(margins.stable && margins.gain_up > 1.5 && margins.modulus > 0.4);
         }
+    }
+
+    #[test]
+    fn a_command_that_is_its_gain_margin_stronger_leaves_a_pole_on_the_unit_circle() {
+        let plant = Plant::of_vehicle(&vehicles::by_name("iris").unwrap(), Physics::default()).unwrap();
+        let linear = Mpc::new(&plant, &MpcSettings::default()).unwrap().linear().unwrap();
+        let (a, b) = (linear.plant.a(), linear.plant.b());
+        let largest = |k: &DMatrix<f64>| {
+            eigenvalues(&(a + b * k)).unwrap().iter().fold(0.0, |most: f64, pole| most.max(pole.norm()))
+        };
+        for (i, (name, margins)) in linear.margins.iter().enumerate() {
+            let mut stronger = linear.gain.clone();
+            stronger.row_mut(i).scale_mut(margins.gain_up);
+            println!("{name}: {:.1e} off the circle", (largest(&stronger) - 1.0).abs());
+            assert!((largest(&stronger) - 1.0).abs() < 1e-8);
+        }
+        let closed = eigenvalues(linear.closed().unwrap().a()).unwrap();
+        let most = closed.iter().fold(0.0, |most: f64, pole| most.max(pole.norm()));
+        assert!((most - linear.poles[0].norm()).abs() < 1e-12);
+        // L of all commands closed with −I has the same poles
+        let cut = linear.cut().unwrap();
+        assert_eq!(cut.a() - cut.b() * cut.c(), a + b * &linear.gain);
+        assert!(linear.cut_at(linear.margins.len()).is_err());
     }
 }

@@ -66,8 +66,8 @@ pub struct QpReport {
     /// Stages that were factorised.
     pub factorised: usize,
     /// Largest |u − P(u − g/d)| over the inputs, as a share of the range between their bounds (of 1 without bounds): g the slope of
-    /// the cost with the states eliminated, d its curvature with later inputs optimal, P the projection onto the bounds. 0 at the
-    /// solution alone.
+    /// the cost with the states eliminated, d the size of its curvature with later inputs optimal, P the projection onto the bounds. 0
+    /// at the solution alone.
     pub residual: f64,
 }
 
@@ -526,7 +526,9 @@ impl QpSolver {
                     return f64::NAN; // a bound would hide it
                 }
                 let range = upper[i] - lower[i];
-                let moved = z[i] - (z[i] - slope[i] / pivots[i]).max(lower[i]).min(upper[i]);
+                // where a bound holds an input, the cost may be concave in it
+                let wanted = z[i] - slope[i] / pivots[i].abs().max(f64::MIN_POSITIVE);
+                let moved = z[i] - wanted.max(lower[i]).min(upper[i]);
                 let own = if range.is_finite() { moved.abs() / range.max(f64::MIN_POSITIVE) } else { moved.abs() };
                 // also where it is no number
                 largest = if own <= largest { largest } else { own };

@@ -3,7 +3,7 @@
 use super::{Findings, degrees};
 use crate::prelude::*;
 use nalgebra::Complex;
-use omnidrones::controllers::design::AnalysisPoint;
+use omnidrones::controllers::design::{AnalysisPoint, LoopMargins};
 use omnidrones::controllers::linear::DiskMargin;
 use omnidrones::controllers::linear::response::unwrapped;
 use omnidrones::flight::FlightLog;
@@ -15,27 +15,39 @@ const POINTS: u32 = 400;
 /// Lowest frequency drawn, rad/s.
 const SLOWEST: f64 = 0.1;
 
+/// L(jω) of the loop broken at a command of this number, at frequencies in rad/s.
+type Response<'a> = dyn Fn(usize, &[f64]) -> Result<Vec<Complex<f64>>> + 'a;
+
 /// The loop broken at every command: (name, L(jω)) along common frequencies.
 pub struct Loops {
     omega: Vec<f64>,
     open: Vec<(String, Vec<Complex<f64>>)>,
+    /// The command that bears the least disk, with its margin; none where the loop is not stable.
+    least: Option<(usize, DiskMargin)>,
 }
 
 impl Loops {
-    /// Up to the Nyquist frequency.
+    /// Of a cascade.
     pub fn of(found: &Findings) -> Result<Self> {
-        let nyquist = PI / found.model.dt;
+        let names: Vec<&str> = found.model.commands.iter().map(|command| command.name.as_str()).collect();
+        Self::broken_at(&names, found.model.dt, &found.rows, &|i, omega| {
+            let s = found.model.response(AnalysisPoint::Command(i), omega)?;
+            Ok(s.iter().map(|s| s.inv() - 1.0).collect())
+        })
+    }
+
+    /// Broken at commands of these names, up to the Nyquist frequency of steps of `dt`; the first of `rows` are their margins.
+    pub fn broken_at(names: &[&str], dt: f64, rows: &[(String, LoopMargins)], response: &Response<'_>) -> Result<Self> {
+        let nyquist = PI / dt;
         let share = |k: u32| f64::from(k) / f64::from(POINTS - 1);
         let omega: Vec<f64> = (0..POINTS).map(|k| SLOWEST * (nyquist / SLOWEST).powf(share(k))).collect();
-        let broken = found.model.commands.iter().enumerate().map(|(i, command)| {
-            let s = found.model.response(AnalysisPoint::Command(i), &omega)?;
-            Ok((command.name.clone(), s.iter().map(|s| s.inv() - 1.0).collect()))
-        });
-        Ok(Self { open: broken.collect::<Result<_>>()?, omega })
+        let open = names.iter().enumerate().map(|(i, name)| Ok((name.to_string(), response(i, &omega)?)));
+        let open = open.collect::<Result<Vec<_>>>()?;
+        Ok(Self { least: least_disk(&rows[..names.len().min(rows.len())]), open, omega })
     }
 
     /// Loop and sensitivity at every command over frequency, the margins of the command that bears least marked.
-    pub fn bode(&self, name: &str, found: &Findings) -> Figure {
+    pub fn bode(&self, name: &str) -> Figure {
         let mut panels = ["Loop: gain [dB]", "Loop: phase [°]", "Sensitivity: gain [dB]"]
             .map(|title| Panel::new(title, "frequency [rad/s]", "").log_x());
         let [gain, phase, sensitivity] = &mut panels;
@@ -51,8 +63,8 @@ impl Loops {
         for (panel, level) in [(&mut *gain, 0.0), (&mut *phase, -180.0), (sensitivity, 0.0)] {
             *panel = std::mem::take(panel).level("", level, Colour::GREY);
         }
-        if let Some((worst, _)) = least_disk(found, self.open.len()) {
-            let marks = Marks::of(&self.omega, &self.open[worst].1);
+        if let Some((worst, _)) = &self.least {
+            let marks = Marks::of(&self.omega, &self.open[*worst].1);
             if let Some((omega, at)) = marks.gain {
                 gain.series.push(mark(
                     format!("gain margin {} dB", number(-at, 1).replace('-', "−")),
@@ -71,13 +83,13 @@ impl Loops {
     }
 
     /// L(jω) about −1, with the disk that the least disk margin of one command keeps free.
-    pub fn nyquist(&self, found: &Findings) -> Panel {
+    pub fn nyquist(&self) -> Panel {
         // of a disk that reaches farther its near side is what matters
         const FARTHEST: f64 = 5.0;
         let mut panel = Panel::new("Nyquist curves of the loop broken at one command", "real part", "imaginary part");
         panel.series.push(Series::line("unit circle", circle(0.0, 1.0)).colour(Colour::GREY).width(0.7));
         let mut left = -2.0_f64;
-        if let Some((_, disk)) = least_disk(found, self.open.len()) {
+        if let Some((_, disk)) = &self.least {
             // the factors that the loop bears are the disk's ends on the real axis
             let [near, far] = [disk.gain.1.recip(), disk.gain.0.recip()];
             let circle = circle(-0.5 * (near + far), 0.5 * (far - near));
@@ -99,9 +111,8 @@ fn decibel(v: Complex<f64>) -> f64 {
     20.0 * v.norm().log10()
 }
 
-/// The command that bears the least disk, with its margin; none where the loop is not stable.
-fn least_disk(found: &Findings, commands: usize) -> Option<(usize, &DiskMargin)> {
-    let disks = found.rows.iter().take(commands).map(|(_, margins)| &margins.disk).enumerate();
+fn least_disk(rows: &[(String, LoopMargins)]) -> Option<(usize, DiskMargin)> {
+    let disks = rows.iter().map(|(_, margins)| margins.disk).enumerate();
     disks.filter(|(_, disk)| disk.alpha > 0.0).min_by(|a, b| a.1.alpha.total_cmp(&b.1.alpha))
 }
 
@@ -155,11 +166,10 @@ fn mark(name: String, omega: f64, values: [f64; 2]) -> Series {
     Series::line(name, values.map(|v| (omega, v)).to_vec()).colour(Colour::INK).width(0.95)
 }
 
-/// Poles of the whole loop over its period, within the unit circle where it is stable.
-pub fn poles(found: &Findings) -> Panel {
-    let seconds = found.model.dt * found.model.period() as f64;
-    let points: Vec<(f64, f64)> = found.poles.iter().map(|p| (p.re, p.im)).collect();
-    let reach = found.poles.iter().fold(1.0_f64, |most, p| most.max(p.re.abs()).max(p.im.abs()));
+/// Poles of the whole loop over its period of so many seconds, within the unit circle where it is stable.
+pub fn poles(poles: &[Complex<f64>], seconds: f64) -> Panel {
+    let points: Vec<(f64, f64)> = poles.iter().map(|p| (p.re, p.im)).collect();
+    let reach = poles.iter().fold(1.0_f64, |most, p| most.max(p.re.abs()).max(p.im.abs()));
     let reach = 1.15 * reach.min(10.0);
     Panel::new(format!("Poles of the closed loop over {} ms", 1e3 * seconds), "real part", "imaginary part")
         .x_range(-reach, reach)

@@ -61,49 +61,49 @@ impl Subject<'_> {
             robustness::tell(&mut page, plants);
         }
         let plane = Figure::new("").size(1000.0, 500.0).grid(&[1.0, 1.0], &[1.0]);
-        let plane = plane.place((0, 0), (1, 1), loops.nyquist(found)).place((1, 0), (1, 1), figures::poles(found));
+        let poles = figures::poles(&found.poles, found.model.dt * found.model.period() as f64);
+        let plane = plane.place((0, 0), (1, 1), loops.nyquist()).place((1, 0), (1, 1), poles);
         page.heading("Stability").figure(plane.svg()?);
-        self.steps(&mut page)?;
-        page.heading("Loop and sensitivity").figure(loops.bode(&vehicle.name, found).svg()?);
+        steps(&mut page, &self.plan(), &mut |plan| {
+            Ok(fly_vehicle(&self.source.vehicle, self.gains, plan, &mut |_| {})?.log)
+        })?;
+        page.heading("Loop and sensitivity").figure(loops.bode(&vehicle.name).svg()?);
         Ok(html(&page))
     }
 
-    /// Steps of the position along the way and upwards, flown by the whole model.
-    fn steps(&self, page: &mut Page) -> Result<()> {
-        let mut figure = Figure::new("").size(1000.0, 300.0).grid(&[1.0, 1.0], &[1.0]);
-        let mut facts = Vec::new();
-        for (column, (axis, way)) in [(0, "forward"), (2, "upward")].into_iter().enumerate() {
-            let log = self.step(axis)?;
-            let title = format!("A step of {WAY} m {way}");
-            facts.push(figures_of(&title, &log, axis));
-            figure = figure.place((column, 0), (1, 1), figures::step(&title, &log, axis, JUMP));
-        }
-        page.heading("Step of the position").figure(figure.svg()?).facts(facts);
-        page.line("Flown by the whole model, with limits of rotors and tilt; the margins are of its linear form.");
-        Ok(())
-    }
-
-    /// A flight from rest with a jump of the reference.
-    fn step(&self, axis: usize) -> Result<FlightLog> {
+    /// How the steps are flown.
+    fn plan(&self) -> FlightPlan {
         let a = self.arguments;
-        let mut step = Step { time: JUMP, ..Step::default() };
-        step.to = step.from;
-        step.to[axis] += WAY;
         let wind = match a.wind.as_deref() {
             Some(&[x, y, z]) => Wind::Constant { velocity: [x, y, z] },
             _ => Wind::Calm,
         };
-        let plan = FlightPlan {
-            reference: Reference::Step(step),
-            duration: JUMP + WATCHED,
+        FlightPlan {
             physics: a.flyer.flight.physics(),
             rates: a.flyer.flight.rates(),
             latency: a.latency,
             wind,
             ..FlightPlan::default()
-        };
-        Ok(fly_vehicle(&self.source.vehicle, self.gains, &plan, &mut |_| {})?.log)
+        }
     }
+}
+
+/// Steps of the position along the way and upwards from rest, flown by the whole model.
+pub fn steps(page: &mut Page, plan: &FlightPlan, fly: &mut dyn FnMut(&FlightPlan) -> Result<FlightLog>) -> Result<()> {
+    let mut figure = Figure::new("").size(1000.0, 300.0).grid(&[1.0, 1.0], &[1.0]);
+    let mut facts = Vec::new();
+    for (column, (axis, way)) in [(0, "forward"), (2, "upward")].into_iter().enumerate() {
+        let mut step = Step { time: JUMP, ..Step::default() };
+        step.to = step.from;
+        step.to[axis] += WAY;
+        let log = fly(&FlightPlan { reference: Reference::Step(step), duration: JUMP + WATCHED, ..plan.clone() })?;
+        let title = format!("A step of {WAY} m {way}");
+        facts.push(figures_of(&title, &log, axis));
+        figure = figure.place((column, 0), (1, 1), figures::step(&title, &log, axis, JUMP));
+    }
+    page.heading("Step of the position").figure(figure.svg()?).facts(facts);
+    page.line("Flown by the whole model, with limits of rotors and tilt; the margins are of its linear form.");
+    Ok(())
 }
 
 /// Rise, settling and overshoot, as of the last value flown.

@@ -447,3 +447,97 @@ fn plans_fly_nearer_to_a_reference_than_the_cascade_and_take_their_settings_from
     let (_, err) = exits(2, folder.path(), &["fly", "hummingbird", "--mpc", "plans.toml"]);
     assert!(err.contains("given with --controller mpc"), "{err}");
 }
+
+#[test]
+fn design_reports_feedback_poles_margins_and_ticks_of_a_plan() {
+    let folder = temporary();
+    let asked = ["design", "hummingbird", "--controller", "mpc"];
+    let files = ["--save", "plant.json", "--report", "mpc.html", "--plot", "loop.svg"];
+    let told = json(folder.path(), &[&asked[..], &files].concat());
+    let number = |path: &str| told.pointer(path).and_then(serde_json::Value::as_f64).unwrap_or(f64::NAN);
+    let list = |path: &str| told.pointer(path).and_then(serde_json::Value::as_array).cloned().unwrap_or_default();
+    assert!(told["stable"] == true && number("/tick") == 0.01 && number("/settings/stages") == 20.0, "{told}");
+    let (gain, errors) = (list("/feedback/gain"), list("/feedback/errors"));
+    assert_eq!((gain.len(), errors.len(), list("/poles").len()), (4, 16, 16));
+    assert_eq!((&errors[0], &errors[6]), (&"position_x".into(), &"attitude_x".into()));
+    // too low: all rotors are told to turn faster
+    assert!(gain.iter().all(|row| row[2].as_f64().is_some_and(|k| k < -0.1)), "{gain:?}");
+    let poles = list("/poles");
+    assert!(poles.iter().all(|pole| pole[0].as_f64().unwrap().hypot(pole[1].as_f64().unwrap()) < 1.0), "{poles:?}");
+    for row in list("/margins") {
+        let of = |key: &str| row[key].as_f64().unwrap_or(f64::NAN);
+        println!("{}: gain up {}, delay {} s, modulus {}", row["at"], of("gain_up"), of("delay"), of("modulus"));
+        assert!(
+            of("gain_down") == 0.0
+                && of("gain_up") > 1.5
+                && of("modulus") > 0.4
+                && of("phase") > 0.5
+                && of("delay") > 0.01,
+            "{row}"
+        );
+        assert!(row["disk"]["alpha"].as_f64() > told["all_commands"]["alpha"].as_f64(), "{row}");
+    }
+    assert!(number("/all_commands/alpha") > 0.1 && list("/margins").len() == 4, "{told}");
+    // 5 s at 100 Hz, both ends included
+    assert!(
+        number("/ticks/n") == 501.0 && number("/ticks/fallen_back") == 0.0 && number("/ticks/rmse") < 0.01,
+        "{told}"
+    );
+    assert!(number("/ticks/median") > 0.0 && number("/ticks/median") <= number("/ticks/within_99"), "{told}");
+    let saved = std::fs::read_to_string(folder.path().join("plant.json")).expect("written");
+    let saved: serde_json::Value = serde_json::from_str(&saved).expect("JSON");
+    assert!(saved["A"].as_array().is_some_and(|a| a.len() == 16) && saved["dt"] == 0.01, "{saved}");
+    let page = std::fs::read_to_string(folder.path().join("mpc.html")).expect("written");
+    for words in ["Feedback about hover", "Nyquist curves", "Poles of the", "A step of 1 m", "Sensitivity"] {
+        assert!(page.contains(words), "{words}");
+    }
+    assert!(size(folder.path(), "loop.svg") > 1000);
+}
+
+#[test]
+fn a_plan_of_other_settings_or_of_a_drone_with_a_load_is_reported_too() {
+    let folder = temporary();
+    std::fs::write(
+        folder.path().join("plans.toml"),
+        "stages = 12\nlatency = 3\n[weights]\nposition = [100, 100, 100]\n",
+    )
+    .expect("written");
+    let (page, _) = exits(0, folder.path(), &["design", "firefly", "--controller", "mpc", "--mpc", "plans.toml"]);
+    for words in ["12 of 50 ms", "3 steps", "position 100, 100, 100", "The first 4 of 6 commands", "disk margin, all"] {
+        assert!(page.contains(words), "{words}: {page}");
+    }
+    assert!(page.contains("time of a tick") && page.contains("recursions"), "{page}");
+    let load = json(folder.path(), &["design", "payload", "--controller", "mpc"]);
+    let errors = load["feedback"]["errors"].as_array().expect("names");
+    assert!(load["stable"] == true && errors.len() > 16, "{load}");
+    let cascade = json(folder.path(), &["design", "hummingbird"]);
+    assert_eq!(json(folder.path(), &["design", "hummingbird", "--controller", "cascade"]), cascade);
+}
+
+#[test]
+fn what_does_not_bear_on_a_plan_about_hover_is_refused_by_name() {
+    let folder = temporary();
+    std::fs::write(folder.path().join("plans.toml"), "stages = 12\n").expect("written");
+    let planned = ["design", "iris", "--controller", "mpc"];
+    for (more, words) in [
+        (&["--wind", "8,0,0"][..], "--wind with --controller mpc"),
+        (&["--latency", "5"], "--latency with --controller mpc"),
+        (&["--spread", "0.3"], "--spread with --controller mpc"),
+        (&["--rates", "500,250,100"], "--rates with --controller mpc"),
+        (&["--gains", "derived"], "--gains with --controller mpc"),
+        (&["--reference", "hover"], "--reference"),
+        (&["--mpc", "none.toml"], "none.toml"),
+    ] {
+        let (out, err) = exits(2, folder.path(), &[&planned[..], more].concat());
+        assert!(out.is_empty() && err.contains(words), "{more:?}: {err}");
+    }
+    for (line, words) in [
+        (&["--controller", "mpc_indi"][..], "cascade or mpc in 'design'"),
+        (&["--controller", "lqi"], "cascade or mpc in 'design'"),
+        (&["--controller", "mcp"], "Known: cascade, mpc"),
+        (&["--mpc", "plans.toml"], "given with --controller mpc"),
+    ] {
+        let (out, err) = exits(2, folder.path(), &[&["design", "iris"], line].concat());
+        assert!(out.is_empty() && err.contains(words), "{line:?}: {err}");
+    }
+}
