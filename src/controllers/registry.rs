@@ -230,7 +230,7 @@ pub const REGISTRY: [ControllerEntry; 12] = [
         suits: |plant| plant.tree().is_none(),
         may_fail: false,
         build: |plant, setup| {
-            let settings = MpcSettings::for_plant(plant);
+            let settings = setup.mpc.cloned().unwrap_or_else(|| MpcSettings::for_plant(plant));
             let fallback = default_controller(plant, setup)?;
             Ok(Box::new(PlannedIndi::new(plant, &settings, setup.rates)?.with_fallback(fallback)))
         },

@@ -414,15 +414,20 @@ pub fn check_gains(flight: &FlightArguments, controller: Option<&str>, rigid: bo
 
 /// Whether a controller of rigid vehicles has no gains of levels.
 pub fn is_optimal(name: &str) -> bool {
-    ["lqr", "lqi", "mpc"].contains(&name)
+    ["lqr", "lqi", "mpc", "mpc_indi"].contains(&name)
 }
 
-/// The settings of `--mpc`, which are of that controller alone.
+/// The settings of `--mpc`, which are of controllers that plan.
 pub fn mpc_settings(file: Option<&Path>, controller: &str) -> Result<Option<MpcSettings>> {
     let Some(file) = file else { return Ok(None) };
-    if controller != "mpc" {
+    if !["mpc", "mpc_indi"].contains(&controller) {
         let value = format!("given with controller '{controller}'");
-        return Err(Error::value("--mpc", value, "given with --controller mpc", "Leave one of both out, or add it."));
+        return Err(Error::value(
+            "--mpc",
+            value,
+            "given with --controller mpc or mpc_indi",
+            "Leave one of both out, or add it.",
+        ));
     }
     files::read_toml(file).map(Some)
 }

@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 /// What the command is for.
 pub const ABOUT: &str = "\
 Find the trajectory of least cost from a start to a goal: inputs within their bounds at every instant, gates passed at their times, \
-obstacles kept clear of, soft bounds of the state. The plant is the exact model with the lag of its motors. Iterated linear-quadratic \
+obstacles kept clear of, soft bounds of the state. The plant is the model with the longer lag of its motors. Iterated linear-quadratic \
 regulators with all bounds in one program find it (iLQR; an augmented Lagrangian for gates and obstacles). The result is a \
 reference that 'fly' tracks, the trajectory as a table, and the gains of optimal feedback along it.";
 

@@ -34,7 +34,7 @@ with_defaults! {
         pub condition_tolerance: f64 = 1e-6,
         /// Weight of squares of conditions at first.
         pub penalty: f64 = 10.0,
-        /// Most rounds of multipliers; 1 leaves conditions to the penalty.
+        /// Most rounds of multipliers; with 1 there is the penalty alone, which mostly ends as [`IlqrStatus::Violated`].
         pub max_rounds: usize = 25,
     }
 }
@@ -42,7 +42,7 @@ with_defaults! {
 /// How a search for a trajectory ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum IlqrStatus {
-    /// Within the tolerances.
+    /// Within the tolerances; of a model with exact curvatures a minimum, of another a place where the slope is zero.
     Solved,
     /// Out of iterations.
     OutOfIterations,
@@ -248,8 +248,8 @@ impl Ilqr {
                 return Ok(report(IlqrStatus::OutOfIterations));
             }
             if round + 1 >= settings.max_rounds {
-                let is_penalty = settings.max_rounds == 1;
-                return Ok(report(if is_kept || is_penalty { status } else { IlqrStatus::Violated }));
+                let is_violated = !is_kept && status != IlqrStatus::OutOfIterations;
+                return Ok(report(if is_violated { IlqrStatus::Violated } else { status }));
             }
             self.multiply(problem, left > 0.25 * last);
             last = left;
@@ -312,6 +312,7 @@ impl Ilqr {
                     }
                 }
             };
+            let knew_costates = self.knows_costates;
             if problem.model().has_curvature() {
                 self.keep_costates();
             }
@@ -323,7 +324,11 @@ impl Ilqr {
             let is_flat = expected.abs() <= settings.tolerance * (1.0 + cost.abs());
             if is_closed && is_flat {
                 if factor == 0.0 {
-                    let is_sure = report.status == QpStatus::Solved;
+                    if problem.model().has_curvature() && !knew_costates {
+                        // a saddle is flat too: the exact curvature tells
+                        continue;
+                    }
+                    let is_sure = report.status == QpStatus::Solved && is_exact == problem.model().has_curvature();
                     return Ok(if is_sure { IlqrStatus::Solved } else { IlqrStatus::NoStep });
                 }
                 // what is added to the curvature shortens steps, so that every place looks flat

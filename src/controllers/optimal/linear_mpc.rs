@@ -6,6 +6,7 @@
 
 use super::mpc::{Mpc, with_disturbance};
 use super::planned_plant::PlannedPlant;
+use super::qp_solver::QpStatus;
 use super::tracking_cost::TrackingWeights;
 use crate::kinematics::Kinematics;
 use crate::linear::{Margins, Signal, StateSpace, eigenvalues, margins};
@@ -13,6 +14,9 @@ use autodiff::{System, linearise};
 use base::error::{Error, Result};
 use dynamics::{Physics, Plant};
 use nalgebra::{Complex, DMatrix};
+
+/// Largest step of a plan that stays at hover.
+const AT_REST: f64 = 1e-6;
 
 /// An [`Mpc`] about hover.
 #[derive(Debug, Clone)]
@@ -33,7 +37,8 @@ impl Mpc {
     /// The feedback about hover.
     ///
     /// # Errors
-    /// As [`margins`], and as the plant under the tick's period.
+    /// As [`margins`], and as the plant under the tick's period; [`Error::Value`] where a plan at hover does not stay there, or a bound
+    /// acts on it.
     pub fn linear(&self) -> Result<LinearMpc> {
         let (planned, period) = (self.planned(), self.period());
         let (hover, inputs) = planned.hover()?;
@@ -41,14 +46,24 @@ impl Mpc {
         let stages = iteration.problem().n_stage();
         let mut row = vec![0.0; iteration.problem().model().n_parameter()];
         let (first, none) = (planned.n_parameter(), TrackingWeights::zero());
+        // place and velocity of what is tracked, attitude and rates of the root
+        let Kinematics { position, velocity, .. } = self.cost().tracked(&hover);
+        let held = Kinematics { position, velocity, ..Kinematics::read(&hover) };
         for stage in 0..=stages {
             let is_free = stage == stages && self.settings().endless;
             let weights = if is_free { &none } else { &self.settings().weights };
-            self.cost().write_parameters(&Kinematics::read(&hover), &inputs, weights, &mut row[first..]);
+            self.cost().write_parameters(&held, &inputs, weights, &mut row[first..]);
             iteration.problem_mut().set_parameters(stage, &row)?;
         }
         iteration.begin_at_rest(&hover, &inputs)?;
-        iteration.tick(&hover, 3, 0.0);
+        let report = iteration.tick(&hover, 3, 0.0);
+        let at_bound = (0..inputs.len()).filter(|i| iteration.solver().gain(0).row(*i).amax() == 0.0).count();
+        if report.qp.status != QpStatus::Solved || report.step > AT_REST || at_bound > 0 {
+            let (status, step) = (report.qp.status, report.step);
+            let told = format!("{status:?}, {step:.1e} away, {at_bound} inputs at a bound");
+            let remedy = "Give it weights and bounds under which hover is the best plan.";
+            return Err(Error::value("plan at hover", told, "solved, at hover, free", remedy));
+        }
         let gain = iteration.solver().gain(0);
         let plant = sampled(planned, self.believed(), period)?;
         let mut poles = eigenvalues(&(plant.a() + plant.b() * &gain))?;

@@ -129,3 +129,8 @@ pub use sensitivity::{SolutionAdjoint, SolutionSensitivity};
 pub use stage_model::StageModel;
 pub use stage_qp::{SoftBound, StageQp};
 pub use tracking_cost::{TrackingCost, TrackingWeights};
+
+/// The larger, or what is no number.
+fn largest(a: f64, b: f64) -> f64 {
+    if b <= a || a.is_nan() { a } else { b }
+}

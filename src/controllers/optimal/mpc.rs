@@ -19,6 +19,7 @@
 use super::flat_motion::{FlatMotion, Push};
 use super::planned_plant::{PlannedInput, PlannedPlant};
 use super::problem::{OptimalProblem, OptimalTrajectory, length};
+use super::qp_solver::QpStatus;
 use super::real_time::{RealTimeIteration, TickReport};
 use super::stage_model::StageModel;
 use super::stage_qp::SoftBound;
@@ -108,13 +109,23 @@ pub struct MpcStatistics {
     pub recursions: u64,
     /// Time of every tick, s, of the first 65 536.
     pub times: Vec<f32>,
-    /// Largest residual of a program that counted as solved.
+    /// Ticks whose program was stopped at what rounding allows: they count as plans.
+    pub stopped: u64,
+    /// Largest residual of the programs that were solved.
     pub residual: f64,
 }
 
 impl MpcStatistics {
     fn new() -> Self {
         Self { times: Vec::with_capacity(MAX_TIMES), ..Self::default() }
+    }
+
+    /// What a share of the ticks stayed within, s; `None` before the first.
+    pub fn time_within(&self, share: f64) -> Option<f64> {
+        let mut times = self.times.clone();
+        times.sort_by(f32::total_cmp);
+        let last = times.len().checked_sub(1)?;
+        Some(f64::from(times[((times.len() as f64 * share) as usize).min(last)]))
     }
 }
 
@@ -272,7 +283,7 @@ impl Mpc {
         })
     }
 
-    /// The same with a controller that flies while no plan is found.
+    /// The same with a controller that flies while no plan is found; without one, those are the commands of hover.
     #[must_use]
     pub fn with_fallback(mut self, fallback: Box<dyn Controller>) -> Self {
         self.fallback = Some(fallback);
@@ -314,7 +325,7 @@ impl Mpc {
         &self.statistics
     }
 
-    /// What the last tick came to; nothing before the first.
+    /// What the program of the last tick came to; nothing where there was none, since the measurement or the reference was no number.
     pub fn last(&self) -> Option<&TickReport> {
         self.last.as_ref()
     }
@@ -359,6 +370,7 @@ impl Mpc {
 
     /// One tick: plans, and leaves the commands.
     fn plan(&mut self, seen: &Measurement<'_>, target: Target<'_>) -> Result<()> {
+        self.last = None;
         if !self.is_fresh {
             self.iteration.carry_on((self.period / self.settings.stage).min(1.0));
         }
@@ -387,7 +399,10 @@ impl Mpc {
             self.iteration.begin_with(&self.standby)?;
             return Err(Error::value("program of a tick", format!("{:?}", report.qp.status), "solved", "Fly on."));
         }
-        self.statistics.residual = self.statistics.residual.max(report.qp.residual);
+        match report.qp.status {
+            QpStatus::Solved => self.statistics.residual = self.statistics.residual.max(report.qp.residual),
+            _ => self.statistics.stopped += 1,
+        }
         self.is_fresh = false;
         Ok(())
     }
@@ -523,6 +538,18 @@ pub(super) fn with_disturbance(plant: &Plant, physics: Physics) -> Result<Plant>
             let mut parts = m.model().parts().clone();
             parts.pushed.clear();
             Plant::of_model(&Model::new(parts)?, physics)
+        }
+    }
+}
+
+/// What is left of every rotor: one number each, within [0, 1].
+fn check_effectiveness(effectiveness: &[f64], n: usize) -> Result<()> {
+    length("effectiveness of rotors", effectiveness.len(), n)?;
+    match effectiveness.iter().position(|left| !(0.0..=1.0).contains(left)) {
+        None => Ok(()),
+        Some(i) => {
+            let what = format!("effectiveness of rotor {i}");
+            Err(Error::value(what, effectiveness[i], "within [0, 1]", "Tell 1 of a whole rotor."))
         }
     }
 }
@@ -674,9 +701,8 @@ impl Controller for Mpc {
 
     fn tell(&mut self, effectiveness: &[f64]) -> Result<()> {
         let places = self.whole.rotor_places();
-        length("effectiveness of rotors", effectiveness.len(), places.len())?;
-        self.effectiveness.copy_from_slice(effectiveness);
-        self.believed = Believed::new(self.whole.damaged(effectiveness)?);
+        check_effectiveness(effectiveness, places.len())?;
+        let believed = Believed::new(self.whole.damaged(effectiveness)?);
         let (mut lower, mut upper) = self.planned.bounds();
         for (rotor, left) in places.iter().zip(effectiveness) {
             if let Some(i) = self.planned.commands().iter().position(|k| *k == rotor.action) {
@@ -685,6 +711,8 @@ impl Controller for Mpc {
             }
         }
         self.iteration.problem_mut().set_bounds(&lower, &upper)?;
+        self.effectiveness.copy_from_slice(effectiveness);
+        self.believed = believed;
         match &mut self.fallback {
             Some(fallback) => fallback.tell(effectiveness),
             None => Ok(()),
@@ -693,19 +721,18 @@ impl Controller for Mpc {
 
     fn notes(&self) -> Vec<Note> {
         let own = &self.statistics;
-        let mut times: Vec<f32> = own.times.clone();
-        times.sort_by(f32::total_cmp);
-        let at = |share: f64| times.get(((times.len() as f64 * share) as usize).min(times.len().saturating_sub(1)));
         let per_tick = own.recursions as f64 / own.ticks.max(1) as f64;
         let mut notes = vec![Note::new(
             "plans",
             format!("{} of {} ticks", own.ticks - own.kept - own.fallen_back, own.ticks),
             format!(
-                "{per_tick:.1} recursions a tick; the others flew on with the last plan ({}) or the fallback ({})",
-                own.kept, own.fallen_back
+                "{per_tick:.1} recursions a tick; the others flew on with the last plan ({}) or {} ({})",
+                own.kept,
+                if self.fallback.is_some() { "the fallback" } else { "the commands of hover" },
+                own.fallen_back
             ),
         )];
-        if let (Some(median), Some(late)) = (at(0.5), at(0.99)) {
+        if let (Some(median), Some(late)) = (own.time_within(0.5), own.time_within(0.99)) {
             let value = format!("{:.2} ms", 1e3 * median);
             notes.push(Note::new("time of a tick", value, format!("median; 99 % within {:.2} ms", 1e3 * late)));
         }

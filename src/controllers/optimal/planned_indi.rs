@@ -189,8 +189,9 @@ impl Controller for PlannedIndi {
     }
 
     fn tell(&mut self, effectiveness: &[f64]) -> Result<()> {
+        self.mpc.tell(effectiveness)?;
         self.rotors.tell(effectiveness);
-        self.mpc.tell(effectiveness)
+        Ok(())
     }
 
     fn notes(&self) -> Vec<Note> {

@@ -9,6 +9,9 @@ use dynamics::rotor::LEAST_THRUST;
 use dynamics::{Disturbance, Plant};
 use serde::{Deserialize, Serialize};
 
+/// Largest acceleration of a plant that hovers, m/s².
+const MOST_FALL: f64 = 0.05;
+
 /// By how much bounds of inputs are within those of commands.
 const WITHIN: f64 = 1e-9;
 
@@ -171,7 +174,22 @@ impl PlannedPlant {
     /// As [`Plant::hover_state`].
     pub fn hover(&self) -> Result<(Vec<f64>, Vec<f64>)> {
         let state = self.plant.hover_state()?;
-        Ok((self.state_of(&state)?, self.holding(&state)))
+        let (own, inputs) = (self.state_of(&state)?, self.holding(&state));
+        self.check_held(&own, &inputs)?;
+        Ok((own, inputs))
+    }
+
+    /// Refuses a hover from which the plant falls: its rotors do not carry it.
+    fn check_held(&self, state: &[f64], inputs: &[f64]) -> Result<()> {
+        let mut next = vec![0.0; self.n_state()];
+        self.step(state, inputs, &vec![0.0; self.n_parameter()], &mut next);
+        let fall = (state[5] - next[5]) / self.plant.physics().dt;
+        // hover of rotors that carry the weight holds it to rounding
+        if fall.abs() <= MOST_FALL {
+            return Ok(());
+        }
+        let what = format!("acceleration of '{}' downwards in hover", self.plant.name());
+        Err(Error::value(what, format!("{fall:.3} m/s²"), "0", "Take weight off, or stronger rotors."))
     }
 
     /// Actions and drive commands of inputs, at their places in the plant's input.

@@ -10,6 +10,7 @@
 //! Whatever ends the search, inputs are within their bounds.
 
 use super::interior_point::Barriers;
+use super::largest;
 use super::stage_qp::{Blocks, Sizes, SoftBound, StageQp};
 use super::stage_sweeps::{Factors, costates, factorise, feed_forward, roll_out, slopes, step};
 use base::defaults::with_defaults;
@@ -170,10 +171,14 @@ impl QpSolver {
             Ok(fits) => {
                 report.residual = self.residual(qp);
                 for _ in 0..if fits { REFINEMENTS } else { 0 } {
-                    if report.residual <= settings.tolerance || !self.refine(qp) {
+                    if report.residual <= settings.tolerance {
                         break;
                     }
+                    let fits = self.refine(qp);
                     report.residual = self.residual(qp);
+                    if !fits {
+                        break;
+                    }
                 }
                 if report.residual.is_nan() {
                     report.status = QpStatus::NotFinite;
@@ -296,7 +301,9 @@ impl QpSolver {
     fn factorise(&mut self, qp: &StageQp, last: usize) -> std::result::Result<(), Failure> {
         factorise(qp, &mut self.factors, last).map_err(|stage| {
             let pivots = &self.factors.pivots.of(stage)[..self.sizes.m];
-            if pivots.iter().all(|p| p.is_finite()) { QpStatus::NotConvex(stage) } else { QpStatus::NotFinite }
+            let swept = self.factors.of_stage(stage);
+            let is_finite = pivots.iter().chain(swept).all(|p| p.is_finite());
+            if is_finite { QpStatus::NotConvex(stage) } else { QpStatus::NotFinite }
         })
     }
 
@@ -517,7 +524,7 @@ impl QpSolver {
 
     fn residual(&self, qp: &StageQp) -> f64 {
         let Sizes { m, stages, .. } = self.sizes;
-        let mut largest: f64 = 0.0;
+        let mut worst: f64 = 0.0;
         for k in 0..stages {
             let (z, slope, pivots) = (self.z.of(k), self.costates.of(k), self.factors.pivots.of(k));
             let (lower, upper) = (qp.lower.of(k), qp.upper.of(k));
@@ -530,11 +537,10 @@ impl QpSolver {
                 let wanted = z[i] - slope[i] / pivots[i].abs().max(f64::MIN_POSITIVE);
                 let moved = z[i] - wanted.max(lower[i]).min(upper[i]);
                 let own = if range.is_finite() { moved.abs() / range.max(f64::MIN_POSITIVE) } else { moved.abs() };
-                // also where it is no number
-                largest = if own <= largest { largest } else { own };
+                worst = largest(worst, own);
             }
         }
-        largest
+        worst
     }
 
     /// xₖ, `[n]`, of the last solution.

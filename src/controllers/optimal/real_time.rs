@@ -6,6 +6,7 @@
 //!
 //! Source: Diehl, Bock and Schlöder 2005 (real-time iteration); Gros, Zanon, Quirynen, Bemporad and Diehl 2020.
 
+use super::largest;
 use super::problem::{OptimalProblem, OptimalTrajectory, length};
 use super::qp_solver::{QpReport, QpSettings, QpSolver, QpStatus};
 use super::stage_expansion::{Expanded, StageExpansion};
@@ -301,9 +302,4 @@ impl RealTimeIteration {
     pub fn solver(&self) -> &QpSolver {
         &self.solver
     }
-}
-
-/// The larger, or what is no number.
-fn largest(a: f64, b: f64) -> f64 {
-    if b <= a { a } else { b }
 }

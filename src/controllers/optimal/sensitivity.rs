@@ -12,6 +12,7 @@
 //!
 //! Source: Fiacco 1983; Frey and others 2025 (solution sensitivities of optimal control in acados).
 
+use super::largest;
 use super::problem::{OptimalProblem, OptimalTrajectory};
 use super::qp_solver::{QpSettings, QpSolver, QpStatus};
 use super::stage_expansion::StageExpansion;
@@ -62,7 +63,7 @@ impl SolutionSensitivity {
         let n = expansion.qp.n_state();
         let report = solver.solve(&expansion.qp, &vec![0.0; n], &QpSettings::default());
         let steps = (0..problem.n_stage()).flat_map(|k| solver.input(k).iter().chain(solver.state(k + 1)));
-        let step = steps.fold(0.0, |most: f64, x| if x.abs() <= most { most } else { x.abs() });
+        let step = steps.fold(0.0, |most, x| largest(most, x.abs()));
         let is_solved = matches!(report.status, QpStatus::Solved | QpStatus::Stopped);
         if !(is_solved && step <= SETTLED) {
             let value = if is_solved { format!("{step:e} away") } else { format!("{:?}", report.status) };

@@ -45,6 +45,8 @@ struct Flown {
     reference: Reference,
     statistics: MpcStatistics,
     rmse: Option<f64>,
+    /// When it was lost, s.
+    lost_at: Option<f64>,
     /// Median, and what 99 % are within, s.
     times: [f64; 2],
 }
@@ -68,13 +70,13 @@ pub fn run(a: &Arguments, settings: Option<MpcSettings>, save: Option<(&Path, bo
     found.draw(a)?;
     let written: Vec<PathBuf> = a.output.plot.iter().chain(&a.save).chain(&a.report).cloned().collect();
     if a.output.json {
-        return Ok(Report::json(&found.json(&written), found.stable));
+        return Ok(Report::json(&found.json(&written), found.holds()));
     }
     let mut page = Page::new();
     page.title(found.plant.name(), &found.origin);
     found.tell(&mut page);
     page.written(&written);
-    Ok(Report::page(&page, found.stable))
+    Ok(Report::page(&page, found.holds()))
 }
 
 /// Refuses what does not bear on a plan about hover.
@@ -157,6 +159,11 @@ impl Planned {
         page.line("A plan sees the step before it comes, and sets out early.");
         page.heading("Loop and sensitivity").figure(loops.bode(self.plant.name()).svg()?);
         Ok(html(&page))
+    }
+
+    /// Whether the loop is stable, and the flight was not lost.
+    fn holds(&self) -> bool {
+        self.stable && self.flown.lost_at.is_none()
     }
 
     fn tell(&self, page: &mut Page) {
@@ -329,14 +336,9 @@ impl Flown {
         })?;
         bar.finish_and_clear();
         let statistics = mpc.statistics().clone();
-        let mut times = statistics.times.clone();
-        times.sort_by(f32::total_cmp);
-        let at = |share: f64| {
-            let place = ((times.len() as f64 * share) as usize).min(times.len().saturating_sub(1));
-            times.get(place).map_or(f64::NAN, |time| f64::from(*time))
-        };
-        let times = [at(0.5), at(0.99)];
-        Ok(Self { reference, statistics, rmse: flight.log.rmse(SETTLED), times })
+        let times = [0.5, 0.99].map(|share| statistics.time_within(share).unwrap_or(f64::NAN));
+        let lost_at = flight.diverged_at.or(flight.lost().map(|(time, _)| time));
+        Ok(Self { reference, statistics, rmse: flight.log.rmse(SETTLED), lost_at, times })
     }
 
     fn per_tick(&self) -> f64 {
@@ -344,25 +346,29 @@ impl Flown {
     }
 
     fn facts(&self, period: f64) -> Vec<Fact> {
-        let MpcStatistics { ticks, kept, fallen_back, residual, .. } = &self.statistics;
+        let MpcStatistics { ticks, kept, fallen_back, stopped, residual, .. } = &self.statistics;
+        let flown = match self.lost_at {
+            None => duration(TIMED),
+            Some(time) => format!("{}, LOST after {}", duration(TIMED), duration(time)),
+        };
         let [median, late] = self.times.map(duration);
         vec![
-            Fact::new("flown", format!("{} for {}", self.reference.name(), duration(TIMED)))
+            Fact::new("flown", format!("{} for {flown}", self.reference.name()))
                 .note(format!("RMSE {} after the first {SETTLED} s", length(self.rmse))),
             Fact::new("plans", format!("{} of {ticks} ticks", ticks - kept - fallen_back))
                 .note(format!("the others flew on with the last plan ({kept}) or the fallback ({fallen_back})")),
             Fact::new("recursions", format!("{} a tick", number(self.per_tick(), 2)))
-                .note(format!("residual {residual:.0e} at most")),
+                .note(format!("residual {residual:.0e} at most; {stopped} programs stopped at what rounding allows")),
             Fact::new("time of a tick", median)
                 .note(format!("median; 99 % within {late}, of the {} until the next", duration(period))),
         ]
     }
 
     fn json(&self) -> Value {
-        let MpcStatistics { ticks, kept, fallen_back, residual, .. } = &self.statistics;
+        let MpcStatistics { ticks, kept, fallen_back, stopped, residual, .. } = &self.statistics;
         json!({
             "reference": self.reference, "duration": TIMED, "rmse": self.rmse, "rmse_after": SETTLED, "n": ticks, "kept": kept,
-            "fallen_back": fallen_back, "recursions": self.per_tick(), "residual": residual,
+            "fallen_back": fallen_back, "stopped": stopped, "lost_at": self.lost_at, "recursions": self.per_tick(), "residual": residual,
             "median": self.times[0], "within_99": self.times[1],
         })
     }

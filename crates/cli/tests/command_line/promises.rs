@@ -157,6 +157,7 @@ fn furnish(folder: &Path) {
     }
     let (task, _) = exits(0, folder, &["tasks", "Hover", "--toml"]);
     std::fs::write(folder.join("hover.toml"), task).expect("written");
+    std::fs::write(folder.join("plans.toml"), "latency = 10\nstages = 25\n").expect("written");
     std::fs::write(folder.join("fast.toml"), "kind = \"lemniscate\"\nrate = 1.5\n").expect("written");
     let gains =
         "position = [4, 4, 4]\nvelocity = [2.2, 2.2, 2.2]\nattitude = [1.0, 1.0, 0.1]\nrate = [0.2, 0.2, 0.05]\n";
