@@ -530,8 +530,9 @@ impl Controller {
         let spec = env.env.spec();
         let shape = [spec.n_env, spec.n_agent, spec.action.len()];
         let mut actions = vec![0.0_f32; shape.iter().product()];
-        let (mut own, env) = (self.lock()?, &env.env);
-        py.detach(|| own.act(env, &mut actions)).or_raise()?;
+        let env = &env.env;
+        // the lock is let go before the interpreter is waited for
+        py.detach(|| self.lock()?.act(env, &mut actions).or_raise())?;
         array(py, actions, &shape)
     }
 

@@ -57,7 +57,7 @@ impl Baseline {
     /// # Errors
     /// As [`with_controller`](Self::with_controller), and as [`MpcSettings::validate`].
     pub fn with_mpc(env: &Env, settings: &MpcSettings) -> Result<Self> {
-        Self::made(env, Some(Asked { name: "mpc".to_string(), mpc: Some(settings.clone()) }))
+        Self::made(env, Some(Asked { name: "mpc".to_string(), mpc: Some(Box::new(settings.clone())) }))
     }
 
     fn made(env: &Env, asked: Option<Asked>) -> Result<Self> {

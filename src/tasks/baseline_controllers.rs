@@ -16,7 +16,7 @@ use dynamics::{Inertia, Plant, Rotor, Vehicle};
 pub(crate) struct Asked {
     pub name: String,
     /// How `mpc` plans; without, as suits what flies.
-    pub mpc: Option<MpcSettings>,
+    pub mpc: Option<Box<MpcSettings>>,
 }
 
 /// Controllers of everything that flies in one environment, all levels in every step.
@@ -68,7 +68,7 @@ impl BaselineControllers {
             Plant::Tree(m) => Plant::of_model(&with_numbers(m.model(), numbers)?, *m.physics())?,
         };
         let rates = Rates::every_step(dt);
-        let setup = Setup { swift: robot.vehicle.as_ref(), mpc: mpc.as_ref(), ..Setup::new(None, &rates) };
+        let setup = Setup { swift: robot.vehicle.as_ref(), mpc: mpc.as_deref(), ..Setup::new(None, &rates) };
         controller(name, &known, &setup).map(Self::Joined)
     }
 

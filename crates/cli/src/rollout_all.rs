@@ -152,7 +152,7 @@ fn figure(lines: &[Line], controller: ControllerName) -> Figure {
         bars = bars.bar(Bar::new(line.name, 100.0 * e.share_of_bound).note(note).colour(colour));
     }
     let height = 100.0 + 24.0 * bars.bars.len() as f64;
-    Figure::new(&format!("The benchmark tasks under {by}"))
+    Figure::new(format!("The benchmark tasks under {by}"))
         .subtitle(format!("vermillion: more than {} of the episodes crashed", percent(CRASHES)))
         .size(900.0, height)
         .chart(bars)
