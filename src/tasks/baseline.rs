@@ -52,12 +52,12 @@ impl Baseline {
         Self::made(env, Some(Asked { name: name.to_string(), mpc: None }))
     }
 
-    /// Likewise with `mpc`, which plans by these settings.
+    /// Likewise with one that plans, `mpc` or `mpc_indi`, by these settings.
     ///
     /// # Errors
     /// As [`with_controller`](Self::with_controller), and as [`MpcSettings::validate`].
-    pub fn with_mpc(env: &Env, settings: &MpcSettings) -> Result<Self> {
-        Self::made(env, Some(Asked { name: "mpc".to_string(), mpc: Some(Box::new(settings.clone())) }))
+    pub fn with_plans(env: &Env, name: &str, settings: &MpcSettings) -> Result<Self> {
+        Self::made(env, Some(Asked { name: name.to_string(), mpc: Some(Box::new(settings.clone())) }))
     }
 
     fn made(env: &Env, asked: Option<Asked>) -> Result<Self> {

@@ -683,3 +683,114 @@ fn indi_behind_a_plan_refuses_what_is_not_one_rigid_vehicle_by_name() {
     println!("{told}");
     assert!(["payload", "one rigid vehicle", "without INDI"].iter().all(|part| told.contains(part)), "{told}");
 }
+
+/// x⁺ = x + u, in one stage, with an end whose cost is least at ±1 and flat at 0.
+struct Integrator;
+
+impl System for Integrator {
+    fn n_state(&self) -> usize {
+        1
+    }
+    fn n_input(&self) -> usize {
+        1
+    }
+    fn step<S: Scalar>(&self, state: &[S], input: &[S], _parameters: &[S], next: &mut [S]) {
+        next[0] = state[0] + input[0];
+    }
+}
+
+struct TwoWells;
+
+impl OptimalCost for TwoWells {
+    fn stage<S: Scalar>(&self, now: StageInput<'_, S>, terms: &mut Terms<S>) {
+        terms.square(S::constant(0.01), now.input[0]);
+    }
+    fn terminal<S: Scalar>(&self, end: StageInput<'_, S>, terms: &mut Terms<S>) {
+        let x = end.state[0];
+        terms.add(S::constant(0.5) * (x * x - S::one()).square());
+    }
+}
+
+#[test]
+fn a_flat_place_that_is_no_minimum_is_not_called_solved() {
+    let errors = ErrorState::new(1, &[]).unwrap();
+    let model = StageModel::new(&Integrator, &TwoWells, errors).unwrap();
+    let model = model.with_curvature(&Integrator, &TwoWells).unwrap();
+    let problem = OptimalProblem::new(Arc::new(model), 1, &[0.0]).unwrap();
+    for (guess, least) in [(0.0, None), (0.3, Some(0.005)), (-2.0, Some(0.005))] {
+        let mut search = Ilqr::new(&problem).unwrap();
+        search.start_from_inputs(&problem, &[guess]).unwrap();
+        let found = search.solve(&problem, &IlqrSettings::default(), |_, _| {});
+        let solved = found.as_ref().is_ok_and(|report| report.status == IlqrStatus::Solved);
+        println!("from {guess}: {found:?}");
+        assert_eq!(solved, least.is_some(), "from {guess}");
+        if let (Ok(report), Some(least)) = (found, least) {
+            // least near ±1, where its input costs 0.005
+            assert!((report.cost - least).abs() < 1e-4, "{}", report.cost);
+        }
+    }
+}
+
+#[test]
+fn what_is_left_of_rotors_is_checked_before_anything_is_taken_from_it() {
+    let plant = Plant::of_vehicle(&vehicles::by_name("hummingbird").unwrap(), Physics::default()).unwrap();
+    let settings = MpcSettings { stages: 5, ..MpcSettings::default() };
+    let reference = Reference::Hover(Hover { position: [0.1, 0.0, 0.0], yaw: 0.0 });
+    let state = plant.hover_state().unwrap();
+    let flies: [Box<dyn Fn() -> Box<dyn Controller>>; 2] = [
+        Box::new(|| Box::new(Mpc::new(&plant, &settings).unwrap())),
+        Box::new(|| Box::new(PlannedIndi::new(&plant, &settings, &Rates::default()).unwrap())),
+    ];
+    for make in flies {
+        let tick = |own: &mut dyn Controller| {
+            let mut commands = vec![0.0; 4];
+            own.tick(Measurement { time: 0.0, state: &state, readings: &[] }, Target::level(&reference), &mut commands);
+            commands
+        };
+        let (mut told, mut untold) = (make(), make());
+        for bad in [&[1.0; 5][..], &[1.0; 3], &[f64::NAN, 1.0, 1.0, 1.0], &[1.0, -0.1, 1.0, 1.0], &[1.0, 1.0, 1.0, 1.1]]
+        {
+            let error = told.tell(bad).expect_err("refused");
+            assert_complete(&error);
+        }
+        assert_eq!(tick(&mut *told), tick(&mut *untold));
+    }
+}
+
+#[test]
+fn the_last_tick_is_told_and_none_before_it() {
+    let plant = Plant::of_vehicle(&vehicles::by_name("hummingbird").unwrap(), Physics::default()).unwrap();
+    let mut mpc = Mpc::new(&plant, &MpcSettings { rate: 1000.0, stages: 5, ..MpcSettings::default() }).unwrap();
+    let reference = Reference::Hover(Hover { position: [0.1, 0.0, 0.0], yaw: 0.0 });
+    let (good, mut commands) = (plant.hover_state().unwrap(), vec![0.0; 4]);
+    let bad: Vec<f64> = good.iter().map(|_| f64::NAN).collect();
+    for (state, is_told) in [(&good, true), (&bad, false), (&good, true)] {
+        mpc.tick(Measurement { time: 0.0, state, readings: &[] }, Target::level(&reference), &mut commands);
+        assert_eq!(mpc.last().is_some_and(|report| report.is_planned), is_told);
+    }
+}
+
+#[test]
+fn a_linear_plan_is_about_hover_of_what_is_tracked() {
+    let model = omnidrones::dynamics::configurations::by_name("payload").unwrap();
+    let plant = Plant::of_model(&model, Physics::default()).unwrap();
+    let names = plant.body_names();
+    let load = names.last().unwrap().clone();
+    let settings = MpcSettings { tracked: Some(load), ..MpcSettings::for_plant(&plant) };
+    let linear = Mpc::new(&plant, &settings).unwrap().linear().unwrap();
+    println!("slowest pole {:?}", linear.poles[0]);
+    assert!(linear.poles[0].norm() < 1.0 && linear.gain.row_iter().all(|row| row.amax() > 0.0));
+}
+
+#[test]
+fn a_load_that_rotors_do_not_carry_is_refused() {
+    let model = omnidrones::dynamics::configurations::by_name("payload").unwrap();
+    let mut parts = model.parts().clone();
+    let last = parts.bodies.len() - 1;
+    parts.bodies[last].mass *= 100.0;
+    let heavy = omnidrones::dynamics::tree::Model::new(parts).unwrap();
+    let plant = Plant::of_model(&heavy, Physics::default()).unwrap();
+    let error = Mpc::new(&plant, &MpcSettings::for_plant(&plant)).err().expect("refused");
+    println!("{error}");
+    assert!(error.to_string().contains("downwards in hover"), "{error}");
+}

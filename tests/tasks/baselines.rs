@@ -125,7 +125,7 @@ fn controllers_of_a_batch_act_with_the_same_bits_on_one_thread_and_on_two() {
         all
     };
     let settings = MpcSettings { stages: 6, ..MpcSettings::default() };
-    let plans = |env: &Env| Baseline::with_mpc(env, &settings).unwrap();
+    let plans = |env: &Env| Baseline::with_plans(env, "mpc", &settings).unwrap();
     let named = |env: &Env| Baseline::with_controller(env, "mpc").unwrap();
     let usual = |env: &Env| Baseline::new(env).unwrap();
     assert!(fly("PayloadHover", 3, &named, 1) == fly("PayloadHover", 3, &named, 2));

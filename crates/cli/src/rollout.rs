@@ -233,7 +233,7 @@ struct Own {
 impl Own {
     fn new(env: &Env, named: Option<&'static str>, mpc: Option<MpcSettings>) -> Result<Self> {
         let flying = match (named, &mpc) {
-            (Some("mpc"), Some(settings)) => Baseline::with_mpc(env, settings)?,
+            (Some(name), Some(settings)) => Baseline::with_plans(env, name, settings)?,
             (Some(name), _) => Baseline::with_controller(env, name)?,
             (None, _) => Baseline::new(env)?,
         };
@@ -303,19 +303,9 @@ impl Ready {
     }
 }
 
-/// The settings of --mpc, which are of that controller alone.
-fn mpc_settings(a: &Arguments) -> Result<Option<MpcSettings>> {
-    if a.mpc.is_some() && a.controller != ControllerName::Named("mpc") {
-        let value = format!("given with controller '{}'", a.controller.name());
-        let remedy = "Leave one of both out, or add it.";
-        return Err(Error::value("--mpc", value, "given with --controller mpc", remedy));
-    }
-    a.mpc.as_deref().map(files::read_toml).transpose()
-}
-
 fn one(a: &Arguments, entry: &TaskEntry, config: &EnvConfig, threads: &Threads) -> Result<Report> {
     // before any folder is made
-    let mpc = mpc_settings(a)?;
+    let mpc = arguments::mpc_settings(a.mpc.as_deref(), a.controller.name())?;
     let mut ready = Ready::new(entry, config, threads, (a.controller, &a.plan, mpc))?;
     let horizon = ready.env.spec().horizon;
     let told = Told { command: "rollout", by: a.controller.name(), usual: Path::new("out").join(entry.name) };

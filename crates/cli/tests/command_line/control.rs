@@ -372,6 +372,21 @@ fn an_optimisation_that_is_not_solved_says_why_exits_with_1_and_writes_where_it_
 }
 
 #[test]
+fn gates_left_to_the_penalty_are_told_as_violated() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (mut problem, _) = exits(0, folder.path(), &["optimise", "slalom", "--toml"]);
+    problem = problem.replace("max_rounds = 25\n", "");
+    if problem.contains("[settings]") {
+        problem = problem.replacen("[settings]", "[settings]\nmax_rounds = 1", 1);
+    } else {
+        problem.push_str("\n[settings]\nmax_rounds = 1\n");
+    }
+    std::fs::write(folder.path().join("s.toml"), problem).expect("written");
+    let (out, _) = exits(1, folder.path(), &["optimise", "s.toml", "--out", "s"]);
+    assert!(out.contains("stays violated by"), "{out}");
+}
+
+#[test]
 fn a_problem_that_is_none_is_refused_by_what_is_wrong_with_it() {
     let folder = temporary();
     let (landing, _) = exits(0, folder.path(), &["optimise", "landing", "--toml"]);
