@@ -298,7 +298,7 @@ class Mpc:
     **settings
         `stages=20`, `stage=0.05` (s of each), `rate=100.0` (plans a second at most, Hz), `iterations=1` (programs a plan), `weights` (a dict:
         "position", "velocity", "attitude", "angular_velocity", three numbers each, "joint", "joint_rate", "input"), `endless=True` (the plan
-        ends with the cost of an endless flight), `state_bounds=[{"state": "velocity_x", "range": [-2.0, 2.0], "weight": 1e3}]`, `tracked`
+        ends with the cost of an endless flight), `state_bound=[{"state": "velocity_x", "lower": -2.0, "upper": 2.0, "weight": 1e3}]`, `tracked`
         (name of a body), `estimate=10.0` (rate of the disturbance estimate, 1/s; 0 for none), `latency` (ticks by which commands act late),
         `substeps`, `exact_lags`.
 

@@ -55,8 +55,15 @@ impl Baseline {
     /// Likewise with one that plans, `mpc` or `mpc_indi`, by these settings.
     ///
     /// # Errors
-    /// As [`with_controller`](Self::with_controller), and as [`MpcSettings::validate`].
+    /// As [`with_controller`](Self::with_controller), as [`MpcSettings::validate`], and [`Error::Value`] for a latency that the commands of the
+    /// environment do not have.
     pub fn with_plans(env: &Env, name: &str, settings: &MpcSettings) -> Result<Self> {
+        let delay = env.spec().config.delay;
+        if settings.latency < delay.min || settings.latency > delay.max {
+            let rule = format!("{} to {}, the delay of the environment's commands in steps", delay.min, delay.max);
+            let remedy = "Leave `latency` out, or delay the commands of the task.";
+            return Err(Error::value("mpc: latency", settings.latency, rule, remedy));
+        }
         Self::made(env, Some(Asked { name: name.to_string(), mpc: Some(Box::new(settings.clone())) }))
     }
 

@@ -403,6 +403,11 @@ pub fn algorithms() -> impl TypedValueParser<Value = String> {
 
 /// Refuses gains for a controller that has none: optimal feedback of a rigid vehicle.
 pub fn check_gains(flight: &FlightArguments, controller: Option<&str>, rigid: bool) -> Result<()> {
+    if let (Some(r), Some("mpc")) = (flight.rates, controller) {
+        let given = format!("{},{},{}", r.rate, r.attitude, r.velocity);
+        let remedy = "Its rate stands in the file of --mpc.";
+        return Err(Error::value("--rates with --controller mpc", given, "left out: it has no levels", remedy));
+    }
     match (&flight.gains, controller) {
         (Some(given), Some(name)) if rigid && is_optimal(name) => {
             let what = format!("--gains with --controller {name}");

@@ -18,6 +18,7 @@ use super::robot::{self, Robot};
 use super::source::{self, Source};
 use crate::prelude::*;
 use omnidrones::controllers::flight_check::lowest_point;
+use omnidrones::controllers::optimal::MpcSettings;
 use omnidrones::controllers::reference::Lemniscate;
 use omnidrones::controllers::registry::{controller, steerable};
 use omnidrones::controllers::{
@@ -133,10 +134,9 @@ pub struct Arguments {
     ///   latency = 0                        # steps by which it is told that commands act late
     ///   [weights]                          # position, velocity, attitude, angular_velocity per axis; joint, joint_rate, input
     ///   position = [600, 600, 1500]
-    ///   [[state_bounds]]                   # what costs beyond
+    ///   [[state_bound]]                    # what costs beyond: lower, upper, weight = 1000
     ///   state = "velocity_x"
-    ///   range = [-2, 2]
-    ///   weight = 1000
+    ///   upper = 2
     #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["policy", "drop"], help_heading = "Controller", verbatim_doc_comment)]
     mpc: Option<PathBuf>,
     /// Drop it from this height above the ground instead, rotors idle [default: 1]
@@ -364,7 +364,7 @@ fn vehicle(a: &Arguments, around: Option<Around>) -> Result<Flyer> {
     let controller = match policy(a, &believed, &mut warnings)? {
         Some(policy) => policy,
         None => {
-            let mpc = arguments::mpc_settings(a.mpc.as_deref(), name)?;
+            let mpc = mpc_settings(a, name, &mut warnings)?;
             controller(name, &believed, &Setup { mpc: mpc.as_ref(), ..Setup::new(Some(&gains), &plan.rates) })?
         }
     };
@@ -464,14 +464,14 @@ fn model_controller(
 ) -> Result<Box<dyn Controller>> {
     let gains = a.flight.own_gains()?;
     if a.controller.is_none() {
-        arguments::mpc_settings(a.mpc.as_deref(), "that suits the plant")?;
+        mpc_settings(a, "that suits the plant", warnings)?;
     }
     if let Some(policy) = policy(a, plant, warnings)? {
         a.level()?;
         return Ok(policy);
     }
     if let Some(name) = &a.controller {
-        let mpc = arguments::mpc_settings(a.mpc.as_deref(), name)?;
+        let mpc = mpc_settings(a, name, warnings)?;
         let setup = Setup { mpc: mpc.as_ref(), ..Setup::new(gains.as_ref(), &plan.rates) };
         let own = controller(name, plant, &setup)?;
         if a.shape.is_some() || !own.holds_tilt() {
@@ -493,6 +493,16 @@ fn model_controller(
             Ok(own)
         }
     }
+}
+
+/// The settings of --mpc, with a warning where they tell another latency than there is.
+fn mpc_settings(a: &Arguments, controller: &str, warnings: &mut Vec<String>) -> Result<Option<MpcSettings>> {
+    let settings = arguments::mpc_settings(a.mpc.as_deref(), controller)?;
+    if let Some(told) = settings.as_ref().map(|own| own.latency).filter(|told| *told != a.latency) {
+        let real = counted(a.latency, "step");
+        warnings.push(format!("--mpc tells a latency of {}, and commands act {real} late", counted(told, "step")));
+    }
+    Ok(settings)
 }
 
 /// Refuses effects that need more than one rigid vehicle.

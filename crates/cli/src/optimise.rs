@@ -22,7 +22,7 @@ const EXAMPLES: &str = "\
 Examples:
   omnidrones optimise                          the problems that are built in
   omnidrones optimise slalom                   between pillars, to a point
-  omnidrones fly hummingbird --reference out/slalom/reference.toml --controller indi   what was planned, flown
+  omnidrones fly hummingbird --reference out/slalom/reference.toml --controller mpc    what was planned, flown
   omnidrones optimise race --replay            through four gates, as a page for a browser
   omnidrones optimise landing --iterations 50 --guess hover   begun from hover, of 50 iterations at most
   omnidrones optimise flip --json --no-plots   for a program
@@ -134,7 +134,10 @@ pub fn run(a: &Arguments) -> Result<Report> {
         let own = ProblemFile::text_of(named).filter(|_| a.iterations.is_none() && a.guess.is_none());
         return Ok(Report::done(own.map_or_else(|| source.text(), |text| Ok(text.into()))?));
     }
-    let problem = source.file.problem(source.folder.as_deref())?;
+    let spinner = progress::spinner("recording the problem", a.output.json);
+    let problem = source.file.problem(source.folder.as_deref());
+    spinner.finish_and_clear();
+    let problem = problem?;
     let mut outputs = a.output.open(files::default_folder(&source.name), true)?;
     let clock = Instant::now();
     let (search, report) = search(&problem, a.output.json)?;

@@ -111,13 +111,15 @@ pub mod stage_model;
 pub mod stage_qp;
 mod stage_sweeps;
 #[doc(hidden)]
+pub mod state_bound;
+#[doc(hidden)]
 pub mod tracking_cost;
 
 pub use cost::{OptimalCost, StageInput, Terms};
 pub use course::{CourseCost, CourseGate, CourseObstacle};
 pub use ilqr::{Ilqr, IlqrIteration, IlqrReport, IlqrSettings, IlqrStatus};
 pub use linear_mpc::LinearMpc;
-pub use mpc::{Mpc, MpcSettings, MpcStatistics, StateBound};
+pub use mpc::{Mpc, MpcSettings, MpcStatistics};
 pub use mpc_law::MpcLaw;
 pub use planned_indi::PlannedIndi;
 pub use planned_plant::{PlannedInput, PlannedPlant};
@@ -128,6 +130,7 @@ pub use real_time::{RealTimeIteration, TickReport};
 pub use sensitivity::{SolutionAdjoint, SolutionSensitivity};
 pub use stage_model::StageModel;
 pub use stage_qp::{SoftBound, StageQp};
+pub use state_bound::StateBound;
 pub use tracking_cost::{TrackingCost, TrackingWeights};
 
 /// The larger, or what is no number.

@@ -22,7 +22,7 @@ use super::problem::{OptimalProblem, OptimalTrajectory, length};
 use super::qp_solver::QpStatus;
 use super::real_time::{RealTimeIteration, TickReport};
 use super::stage_model::StageModel;
-use super::stage_qp::SoftBound;
+use super::state_bound::{StateBound, soft_bounds};
 use super::tracking_cost::{TrackingCost, TrackingWeights};
 use crate::closed_loop::check_latency;
 use crate::controller::{Controller, Measurement, Note, Target};
@@ -52,18 +52,6 @@ const FIRST_ITERATIONS: usize = 15;
 /// Largest step that counts as none.
 const SHORTEST: f64 = 1e-9;
 
-/// A soft bound of a number of the plant's state.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct StateBound {
-    /// Its name: `velocity_x`.
-    pub state: String,
-    /// Least and largest value that cost nothing.
-    pub range: [f64; 2],
-    /// Of the square beyond, in every stage.
-    pub weight: f64,
-}
-
 with_defaults! {
     /// How an [`Mpc`] plans.
     #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -83,7 +71,8 @@ with_defaults! {
         pub weights: TrackingWeights = TrackingWeights::default(),
         /// Whether the plan ends with the cost of an endless flight near hover; without, with the weights of a stage, per second.
         pub endless: bool = true,
-        /// Soft bounds of states.
+        /// Soft bounds of states; `[[state_bound]]` in a file.
+        #[serde(rename = "state_bound")]
         pub state_bounds: Vec<StateBound> = Vec::new(),
         /// Body that is tracked; without, the root.
         pub tracked: Option<String> = None,
@@ -563,21 +552,6 @@ fn holds_tilt(plant: &Plant) -> bool {
 fn ticks_every(rate: f64, dt: f64) -> u64 {
     // times are multiples of dt up to rounding
     (1.0 / (dt * rate) - 1e-9).ceil().max(1.0) as u64
-}
-
-fn soft_bounds(planned: &PlannedPlant, bounds: &[StateBound]) -> Result<Vec<SoftBound>> {
-    let all = planned.plant().state_quantities();
-    let names: Vec<String> = planned.kept().iter().map(|k| all[*k].name.clone()).collect();
-    let of = |bound: &StateBound| {
-        let found = names.iter().position(|name| *name == bound.state);
-        let state = found.ok_or_else(|| Error::Unknown {
-            kind: "number of the state",
-            name: bound.state.clone(),
-            known: names.clone(),
-        })?;
-        Ok(SoftBound { state, lower: bound.range[0], upper: bound.range[1], weight: bound.weight })
-    };
-    bounds.iter().map(of).collect()
 }
 
 /// P of the endless flight near hover: of the plan's own step and cost.

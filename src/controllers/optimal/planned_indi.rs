@@ -68,13 +68,17 @@ impl PlannedIndi {
     /// Of a rigid vehicle that is believed to be so, with a plan of these settings.
     ///
     /// # Errors
-    /// [`Error::Value`] for an articulated plant, rotors that do not turn thrust, roll, pitch and yaw apart, or a rate that does not divide
+    /// [`Error::Value`] for an articulated plant, a latency, rotors that do not turn thrust, roll, pitch and yaw apart, or a rate that does not divide
     /// 1/dt; as [`Mpc::new`].
     pub fn new(plant: &Plant, settings: &MpcSettings, rates: &Rates) -> Result<Self> {
         let Plant::Rigid(multirotor) = plant else {
             let (what, rule) = (format!("plant '{}'", plant.name()), "one rigid vehicle");
             return Err(Error::value(what, "of another make", rule, "Take 'mpc' without INDI."));
         };
+        if settings.latency > 0 {
+            let remedy = "Take 'mpc', which bears it: increments need the answer to commands at once.";
+            return Err(Error::value("mpc_indi: latency", settings.latency, "0", remedy));
+        }
         let mpc = Mpc::new(plant, settings)?;
         let vehicle = with_drag_of(multirotor.vehicle(), plant.physics().effects);
         vehicle.check_steerable()?;

@@ -31,7 +31,7 @@ use super::ilqr::IlqrSettings;
 use super::planned_plant::{PlannedInput, PlannedPlant};
 use super::problem::{MAX_STAGES, OptimalProblem, OptimalTrajectory};
 use super::stage_model::StageModel;
-use super::stage_qp::SoftBound;
+use super::state_bound::{StateBound, soft_bounds};
 use super::tracking_cost::{TrackingCost, TrackingWeights};
 use crate::kinematics::Kinematics;
 use autodiff::System;
@@ -120,25 +120,6 @@ pub struct WaypointInFile {
     pub pose: PoseInFile,
     /// How much it matters; not per second.
     pub weights: WeightsInFile,
-}
-
-/// A soft bound of a number of the state.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct StateBoundInFile {
-    /// Its name, as `omnidrones models NAME` and logs have it: `velocity_x`.
-    pub state: String,
-    /// Least value that costs nothing.
-    pub lower: Option<f64>,
-    /// Largest value that costs nothing.
-    pub upper: Option<f64>,
-    /// Of the square beyond, in every stage.
-    #[serde(default = "thousand")]
-    pub weight: f64,
-}
-
-fn thousand() -> f64 {
-    1000.0
 }
 
 /// Bounds of inputs in a file.
@@ -235,7 +216,7 @@ pub struct ProblemFile {
     pub obstacles: Vec<CourseObstacle>,
     /// Soft bounds of the state.
     #[serde(default, rename = "state_bound")]
-    pub state_bounds: Vec<StateBoundInFile>,
+    pub state_bounds: Vec<StateBound>,
     /// When the search ends.
     #[serde(default)]
     pub settings: IlqrSettings,
@@ -380,7 +361,7 @@ impl ProblemFile {
         let goal = self.goal.state("goal", &hover)?;
         let mut problem = OptimalProblem::new(Arc::new(model), self.steps, &start)?;
         problem.set_bounds(&lower, &upper)?;
-        problem.set_soft_bounds(&self.soft_bounds(&plant)?)?;
+        problem.set_soft_bounds(&soft_bounds(&plant, &self.state_bounds)?)?;
         let reference = match self.input_reference {
             None => holding.clone(),
             Some(same) => {
@@ -514,21 +495,6 @@ impl ProblemFile {
             (lower[i], upper[i]) = (low.max(lower[i]), high.min(upper[i]));
         }
         Ok((lower, upper))
-    }
-
-    fn soft_bounds(&self, plant: &PlannedPlant) -> Result<Vec<SoftBound>> {
-        let all = plant.plant().state_quantities();
-        let names: Vec<&str> = plant.kept().iter().map(|k| all[*k].name.as_str()).collect();
-        let of = |bound: &StateBoundInFile| {
-            let state = names.iter().position(|name| *name == bound.state).ok_or_else(|| Error::Unknown {
-                kind: "number of the state",
-                name: bound.state.clone(),
-                known: names.iter().map(|name| name.to_string()).collect(),
-            })?;
-            let (lower, upper) = (bound.lower.unwrap_or(f64::NEG_INFINITY), bound.upper.unwrap_or(f64::INFINITY));
-            Ok(SoftBound { state, lower, upper, weight: bound.weight })
-        };
-        self.state_bounds.iter().map(of).collect()
     }
 }
 

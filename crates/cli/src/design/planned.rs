@@ -85,14 +85,14 @@ fn check(a: &Arguments) -> Result<()> {
     let wind = a.wind.as_ref().map(|wind| format!("{wind:?}"));
     let latency = (a.latency > 0).then(|| a.latency.to_string());
     let spread = a.plants.spread().map(|spread| spread.to_string());
-    let rates = flight.rates.map(|rates| format!("{rates:?}"));
+    let rates = flight.rates.map(|r| format!("{},{},{}", r.rate, r.attitude, r.velocity));
     for (option, given, why, remedy) in [
         ("--wind", wind, "its feedback is about hover in still air", "'omnidrones fly' flies it in wind."),
         (
             "--latency",
             latency,
             "its plan begins where commands act",
-            "The delay margin says what it bears unknowingly; 'latency' in the file of --mpc tells it.",
+            "The delay margins are of one command at a time, without the estimate. 'latency' in the file of --mpc tells it.",
         ),
         ("--spread", spread, "plants other than believed are judged for the cascade", "Leave out one of both."),
         ("--rates", rates, "it has no levels", "Its rate stands in the file of --mpc."),

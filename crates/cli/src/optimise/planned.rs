@@ -98,7 +98,16 @@ impl<'a> Planned<'a> {
                 "no step brings it nearer to the dynamics, from which its stages are {} away: try --guess hover, or another guess on the way",
                 short(report.gap, 2)
             )),
-            IlqrStatus::OutOfIterations => Err(format!(
+            IlqrStatus::Violated | IlqrStatus::OutOfIterations
+                if report.violation > self.problem.settings.condition_tolerance =>
+            {
+                Err(format!(
+                    "a gate or an obstacle stays violated by {} after {}: give it more time, move gates apart, or weigh the goal less",
+                    short(report.violation, 2),
+                    counted(n, "iteration")
+                ))
+            }
+            IlqrStatus::Violated | IlqrStatus::OutOfIterations => Err(format!(
                 "it ran out of {n} iterations: try --iterations {}, longer steps, or weights that differ less",
                 2 * n
             )),
@@ -106,10 +115,6 @@ impl<'a> Planned<'a> {
                 "after {} no step lowers the cost any more, which is not flat to {} of it: try another --guess, or weights that differ less",
                 counted(n, "iteration"),
                 short(self.problem.settings.tolerance, 1)
-            )),
-            IlqrStatus::Violated => Err(format!(
-                "a gate or an obstacle stays violated by {}: give it more time, move gates apart, or weigh the goal less",
-                short(report.violation, 2)
             )),
         }
     }

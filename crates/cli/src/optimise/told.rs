@@ -91,9 +91,7 @@ impl Planned<'_> {
                 let reference = written.iter().find(|path| path.ends_with("reference.toml"));
                 if let (Some(path), Some(vehicle)) = (reference, self.flown_as()) {
                     let path = files::word(path);
-                    // a plan at the bounds leaves a cascade little to correct with
-                    let by = if self.source.file.vehicle.is_some() { " --controller indi" } else { "" };
-                    page.line(format!("\nFly it: omnidrones fly {vehicle} --reference {path}{by}"));
+                    page.line(format!("\nFly it: omnidrones fly {vehicle} --reference {path} --controller mpc"));
                 }
             }
             Err(why) => {

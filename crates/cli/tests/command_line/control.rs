@@ -453,12 +453,23 @@ fn plans_fly_nearer_to_a_reference_than_the_cascade_and_take_their_settings_from
         ("stages = 0", "mpc: stages is 0"),
         ("stagess = 3", "Did you mean `stages`?"),
         ("[weights]\ninput = -1.0", "weights.input is -1"),
-        ("[[state_bounds]]\nstate = \"velocity\"\nrange = [-1, 1]\nweight = 1", "velocity_x"),
+        ("[[state_bound]]\nstate = \"velocity\"\nlower = -1\nupper = 1", "velocity_x"),
+        ("[[state_bound]]\nstate = \"velocity_x\"\nlower = 3\nupper = 1", "state_bound of velocity_x is [3, 1]"),
+        ("[[state_bound]]\nstate = \"velocity_x\"", "one of them given"),
     ] {
         std::fs::write(folder.path().join("bad.toml"), text).expect("written");
         let (_, err) = exits(2, folder.path(), &["fly", "hummingbird", "--controller", "mpc", "--mpc", "bad.toml"]);
         assert!(err.contains(words), "{words}: {err}");
     }
+    std::fs::write(folder.path().join("late.toml"), "latency = 10\n").expect("written");
+    let late = ["fly", "hummingbird", "--duration", "1", "--no-plots", "--controller"];
+    let (out, _) = exits(0, folder.path(), &[&late[..], &["mpc", "--mpc", "late.toml"]].concat());
+    assert!(out.contains("tells a latency of 10 steps, and commands act 0 steps late"), "{out}");
+    let (_, err) =
+        exits(2, folder.path(), &[&late[..], &["mpc_indi", "--mpc", "late.toml", "--latency", "10"]].concat());
+    assert!(err.contains("mpc_indi: latency is 10") && err.contains("Take 'mpc'"), "{err}");
+    let (_, err) = exits(2, folder.path(), &[&late[..], &["mpc", "--rates", "500,250,100"]].concat());
+    assert!(err.contains("--rates with --controller mpc is 500,250,100"), "{err}");
     let (_, err) = exits(2, folder.path(), &["fly", "hummingbird", "--mpc", "plans.toml"]);
     assert!(err.contains("given with --controller mpc"), "{err}");
 }

@@ -137,6 +137,7 @@ fn bench_of_a_task_compares_batches_with_one_environment() {
 fn unusable_arguments_name_value_limit_and_remedy() {
     let folder = temporary();
     std::fs::write(folder.path().join("bad.toml"), "n_envs = 3").expect("written");
+    std::fs::write(folder.path().join("late.toml"), "latency = 10").expect("written");
     for (arguments, words) in [
         ("tasks Hove", "did you mean 'Hover'?"),
         ("rollout hoverr", "did you mean 'Hover'?"),
@@ -172,6 +173,7 @@ fn unusable_arguments_name_value_limit_and_remedy() {
         ("rollout Spread --controller mpc", "Leave it out: a cascade flies each drone."),
         ("rollout OverHover --controller platform --mpc bad.toml", "given with --controller mpc"),
         ("rollout PayloadHover --controller mpc --mpc bad.toml", "unknown field `n_envs`"),
+        ("rollout Hover --envs 1 --controller mpc --mpc late.toml", "mpc: latency is 10, but it must be 0 to 0"),
         ("rollout Hover --plan-steps 64", "--controller planner"),
         ("rollout Hover --controller planner --plan-steps 0", "--plan-steps is 0"),
         ("rollout Hover --controller planner --plan-iterations 70000", "--plan-iterations is 70000"),

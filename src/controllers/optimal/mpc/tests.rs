@@ -160,6 +160,6 @@ fn settings_outside_their_ranges_are_refused_by_name() {
     assert!(refused(MpcSettings { latency: 100_000, ..own() }).contains("latency"));
     let weights = TrackingWeights { input: 0.0, ..TrackingWeights::default() };
     assert!(refused(MpcSettings { weights, ..own() }).contains("weights.input"));
-    let bound = StateBound { state: "velocity".into(), range: [-1.0, 1.0], weight: 1.0 };
+    let bound = StateBound { state: "velocity".into(), lower: Some(-1.0), upper: Some(1.0), weight: 1.0 };
     assert!(refused(MpcSettings { state_bounds: vec![bound], ..own() }).contains("velocity_x"));
 }
