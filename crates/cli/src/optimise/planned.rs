@@ -88,6 +88,12 @@ impl<'a> Planned<'a> {
         Ok(Self { source, problem, trajectory, report, gains, log, states, figures })
     }
 
+    /// The largest violation of a condition, where it is beyond the tolerance.
+    fn violated(&self) -> Option<String> {
+        let left = self.report.violation;
+        (left > self.problem.settings.condition_tolerance).then(|| short(left, 2))
+    }
+
     /// Whether it is solved, or why not, and what to try.
     pub fn verdict(&self) -> std::result::Result<(), String> {
         let report = &self.report;
@@ -98,18 +104,16 @@ impl<'a> Planned<'a> {
                 "no step brings it nearer to the dynamics, from which its stages are {} away: try --guess hover, or another guess on the way",
                 short(report.gap, 2)
             )),
-            IlqrStatus::Violated | IlqrStatus::OutOfIterations
-                if report.violation > self.problem.settings.condition_tolerance =>
-            {
-                Err(format!(
-                    "a gate or an obstacle stays violated by {} after {}: give it more time, move gates apart, or weigh the goal less",
-                    short(report.violation, 2),
-                    counted(n, "iteration")
-                ))
-            }
-            IlqrStatus::Violated | IlqrStatus::OutOfIterations => Err(format!(
-                "it ran out of {n} iterations: try --iterations {}, longer steps, or weights that differ less",
+            IlqrStatus::OutOfIterations => Err(format!(
+                "it ran out of {n} iterations{}: try --iterations {}, longer steps, or weights that differ less",
+                self.violated().map_or_else(String::new, |left| format!(
+                    " with a gate or an obstacle violated by {left}, which more time or gates further apart may mend"
+                )),
                 2 * n
+            )),
+            IlqrStatus::Violated => Err(format!(
+                "a gate or an obstacle stays violated by {}: give it more time, move gates apart, or weigh the goal less",
+                short(report.violation, 2)
             )),
             IlqrStatus::NoStep => Err(format!(
                 "after {} no step lowers the cost any more, which is not flat to {} of it: try another --guess, or weights that differ less",
