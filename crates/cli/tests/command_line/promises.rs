@@ -199,7 +199,8 @@ fn broken(folder: &Path, promised: &[String]) -> Option<String> {
         // the run that is there stays
         line.extend(["--out".into(), format!("runs/{}", promised.join("_").replace('/', "_"))]);
     }
-    let flies = line[0] == "fly" && !line.iter().any(|word| word.starts_with("--drop") || word == "--fail");
+    let is_left_out = |word: &String| word.starts_with("--drop") || word == "--fail" || word == "--help";
+    let flies = line[0] == "fly" && !line.iter().any(is_left_out);
     if flies && !line.iter().any(|word| word == "--json") {
         line.push("--json".into());
     }
@@ -210,7 +211,9 @@ fn broken(folder: &Path, promised: &[String]) -> Option<String> {
         return Some(format!("{told}: {:?}: {}", output.status.code(), String::from_utf8_lossy(&output.stderr)));
     }
     if flies {
-        let flown: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+        let Ok(flown) = serde_json::from_slice::<Value>(&output.stdout) else {
+            return Some(format!("{told}: prints no JSON"));
+        };
         let farthest = flown["flight"]["max_error_overall"].as_f64();
         if farthest.is_none_or(|metres| metres > LOST) {
             return Some(format!("{told}: {farthest:?} m from its reference, and exits with 0"));
