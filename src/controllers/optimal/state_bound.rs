@@ -40,12 +40,12 @@ pub(super) fn soft_bounds(plant: &PlannedPlant, bounds: &[StateBound]) -> Result
             known: names.iter().map(|name| name.to_string()).collect(),
         })?;
         let (lower, upper) = (bound.lower.unwrap_or(f64::NEG_INFINITY), bound.upper.unwrap_or(f64::INFINITY));
-        if !(lower < upper && (lower.is_finite() || upper.is_finite())) {
+        if !(lower <= upper && (lower.is_finite() || upper.is_finite())) {
             let (what, value) = (format!("state_bound of {}", bound.state), format!("[{lower}, {upper}]"));
             return Err(Error::value(
                 what,
                 value,
-                "lower < upper, one of them given",
+                "lower ≤ upper, one of them given",
                 "Give what costs nothing between.",
             ));
         }
