@@ -138,7 +138,7 @@ def test_samples_of_a_reference_are_tracked_as_their_shape():
 
 def test_settings_of_mpc_are_keywords_over_those_of_its_plant():
     mpc = omnidrones.Mpc("payload", 0.01, weights={"position": [1.0, 2.0, 3.0]}, stages=5)
-    assert mpc.settings["weights"]["position"] == [1.0, 2.0, 3.0] and mpc.settings["weights"]["joint_rate"] == 0.1
+    assert mpc.settings["weights"]["position"] == [1.0, 2.0, 3.0] and mpc.settings["weights"]["joint_rate"] == 1.0
     assert mpc.settings["stages"] == 5 and "payload" in repr(mpc)
     for wrong, words in [
         ({"stagess": 5}, "stages"),
