@@ -6,6 +6,7 @@ use super::device::{Device, KindSettings};
 use super::limits::{MAX_DISTANCE, within};
 use super::mount::Motion;
 use crate::spatial::{Vec3, rotate_back};
+use autodiff::Scalar;
 use base::error::Result;
 use rng::Stream;
 use serde::{Deserialize, Serialize};
@@ -100,6 +101,16 @@ fn pressure(height: f64) -> f64 {
     let share = 1.0 - LAPSE * height / TEMPERATURE;
     // a height that is no number stays one
     SEA_LEVEL * if share < 0.0 { 0.0 } else { share.powf(EXPONENT) }
+}
+
+impl Barometer {
+    /// Pressure without errors and weather at the height z of the world, m, in Pa, and its slope, Pa/m; for heights with air (below 44 km).
+    pub fn pressure_at<S: Scalar>(&self, z: S) -> [S; 2] {
+        let share = S::one() - (z + S::constant(self.altitude)) * S::constant(LAPSE / TEMPERATURE);
+        let share = S::select(share.lt(S::constant(1e-3)), S::constant(1e-3), share);
+        let pressure = S::constant(SEA_LEVEL) * (share.ln() * S::constant(EXPONENT)).exp();
+        [pressure, -(pressure * share.recip() * S::constant(EXPONENT * LAPSE / TEMPERATURE))]
+    }
 }
 
 #[derive(Debug, Clone)]

@@ -8,6 +8,7 @@
 //! |---|---|
 //! | `mount` | where a sensor sits, what happens there |
 //! | `chain` | the errors, the rate, the latency, dropouts |
+//! | `fault` | what happens to a sensor, from when until when |
 //! | `device` | what every kind of sensor does |
 //! | `inertial` | accelerometer and gyroscope |
 //! | `magnetometer_barometer` | magnetometer, barometer |
@@ -57,6 +58,7 @@ mod chain;
 pub mod contact;
 mod context;
 mod device;
+mod fault;
 mod gnss;
 mod gradient;
 mod inertial;
@@ -82,6 +84,7 @@ pub use chain::{ErrorModel, PerAxis};
 pub use contact::Contact;
 pub use context::{RayScratch, SensorContext};
 pub use device::{Channel, ReadingLayout};
+pub use fault::{FaultKind, SensorFault};
 pub use gnss::{Gnss, MotionCapture};
 pub use gradient::SensorGradient;
 pub use inertial::Imu;
@@ -120,6 +123,10 @@ pub struct Sensor {
     stream: Stream,
     /// As sampled last; what waits for its latency is in the line.
     sample: Vec<f64>,
+    faults: Vec<SensorFault>,
+    /// The sample as it is read, where there are faults.
+    faulty: Vec<f64>,
+    dt: f64,
     /// Of the readings of the last step, one each where they are asked for.
     slopes: Vec<RangeJacobian>,
     /// Numbers of a saved state.
@@ -141,6 +148,7 @@ impl Sensor {
         config.check_gradient(every, latency)?;
         let named = config.model.channels();
         let width = named.len();
+        config.faults.iter().try_for_each(|fault| fault.validate(&place, width))?;
         let channel = |(name, unit)| Quantity { name: format!("{}.{name}", config.name), unit };
         let channels = named.into_iter().map(channel).collect();
         let purpose = Purpose::sensor(&config.name);
@@ -153,6 +161,9 @@ impl Sensor {
             line: DelayLine::new(&place, every, latency, width)?,
             stream: Stream::new(0, 0, 0, purpose),
             sample: vec![0.0; width],
+            faulty: vec![0.0; if config.faults.is_empty() { 0 } else { width }],
+            faults: config.faults.clone(),
+            dt,
             slopes: vec![RangeJacobian::default(); if config.gradient == SensorGradient::Pose { width } else { 0 }],
             n_saved: HEAD,
         };
@@ -169,6 +180,7 @@ impl Sensor {
         self.device.device().draw(&mut self.stream);
         self.line.restart();
         self.sample.fill(0.0);
+        self.faulty.fill(0.0);
     }
 
     /// Reads after a step, or at the beginning of the episode, what [`channels`](Self::channels) names, in their units: from the motion
@@ -185,9 +197,30 @@ impl Sensor {
                 let each = self.slopes.iter_mut().zip(context.met());
                 each.for_each(|(slope, met)| *slope = met.slope(context.world(), &mount, &body));
             }
+            self.read_faulty();
         }
-        self.line.advance(&self.sample);
+        self.line.advance(if self.faults.is_empty() { &self.sample } else { &self.faulty });
         self.line.reading()
+    }
+
+    /// What faults make of the sample: the device goes on from its own.
+    fn read_faulty(&mut self) {
+        if self.faults.is_empty() {
+            return;
+        }
+        let time = self.line.steps() as f64 * self.dt;
+        let is_acting = |kind: FaultKind| self.faults.iter().any(|fault| fault.kind == kind && fault.is_acting(time));
+        let (is_lost, is_stuck) = (is_acting(FaultKind::Lost), is_acting(FaultKind::Stuck));
+        if is_lost || is_stuck {
+            // neither depends on the pose
+            self.slopes.fill(RangeJacobian::default());
+        }
+        if is_lost {
+            self.faulty.fill(f64::NAN);
+        } else if !is_stuck {
+            self.faulty.copy_from_slice(&self.sample);
+            self.faults.iter().filter(|fault| fault.is_acting(time)).for_each(|fault| fault.add_to(&mut self.faulty));
+        }
     }
 
     /// As the last step returned it.
@@ -230,7 +263,7 @@ impl Sensor {
     /// Visits every number of the state but for the head.
     fn each(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         self.device.device().each(visit);
-        self.sample.iter_mut().for_each(&mut *visit);
+        self.sample.iter_mut().chain(&mut self.faulty).for_each(&mut *visit);
         self.line.each(visit);
     }
 

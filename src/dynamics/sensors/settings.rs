@@ -1,5 +1,6 @@
 //! Settings of a sensor, as a `[[sensor]]` table of a TOML file.
 
+use super::fault::SensorFault;
 use super::gradient::SensorGradient;
 use super::kinds::{SensorKind, SensorModel};
 use super::limits::{positive, within};
@@ -60,6 +61,8 @@ pub struct SensorConfig {
     /// What gradients know of its readings; more than nothing for lidars, range finders and cameras that show depth, read in
     /// every step and at once.
     pub gradient: SensorGradient,
+    /// What happens to it, when.
+    pub faults: Vec<SensorFault>,
     /// What it measures and how wrongly.
     pub model: SensorModel,
 }
@@ -77,6 +80,7 @@ impl SensorConfig {
             latency: None,
             delay: None,
             gradient: SensorGradient::None,
+            faults: Vec::new(),
             model,
         }
     }
@@ -220,11 +224,12 @@ struct Common {
     latency: Option<u64>,
     delay: Option<f64>,
     gradient: Option<SensorGradient>,
+    faults: Option<Vec<SensorFault>>,
 }
 
 /// Of [`Common`].
-pub(crate) const COMMON: [&str; 11] =
-    ["name", "kind", "preset", "on", "position", "rotation", "every", "rate", "latency", "delay", "gradient"];
+pub(crate) const COMMON: [&str; 12] =
+    ["name", "kind", "preset", "on", "position", "rotation", "every", "rate", "latency", "delay", "gradient", "faults"];
 
 impl TryFrom<toml::Table> for SensorConfig {
     type Error = Error;
@@ -257,6 +262,7 @@ impl TryFrom<toml::Table> for SensorConfig {
             every: common.every,
             latency: common.latency,
             gradient: common.gradient.unwrap_or_default(),
+            faults: common.faults.unwrap_or_default(),
             model: kind.read(settings, &place)?,
             name: common.name,
         })
@@ -301,6 +307,7 @@ impl From<SensorConfig> for toml::Table {
             delay: config.delay,
             // what says nothing of gradients is written as it always was
             gradient: (config.gradient != SensorGradient::None).then_some(config.gradient),
+            faults: Some(config.faults).filter(|faults| !faults.is_empty()),
         };
         let mut table = Self::try_from(&common).unwrap_or_default();
         table.extend(config.model.table());
