@@ -1,6 +1,7 @@
 //! The cascade of one vehicle as a law: sample and ticks in, rotor actions out, gains as parameters.
 
 use super::cascade::{CascadeMemory, CascadeModel, RateDivisors, Rates};
+use super::filter::{FilterRow, FilterSettings};
 use super::integral::IntegralState;
 use super::law::{ControlLaw, LawController, LawInput};
 use super::nominal_body::NominalBody;
@@ -14,7 +15,8 @@ use flight::Commanded;
 /// The full cascade of a multirotor.
 ///
 /// - Target: a [`Setpoint`](super::Setpoint). Ticks: velocity and position, attitude, rate.
-/// - Memory: [`CascadeMemory`], 23 + n numbers for n rotors; with integral action ([`Gains::integral`]) 13 more.
+/// - Memory: [`CascadeMemory`], 23 + n numbers for n rotors; with integral action ([`Gains::integral`]) 13 more; with k
+///   [filters](Self::with_filters) 4 + 6 k more.
 /// - Parameters: the twelve of [`GainSet`], and with integral action its two rates.
 #[derive(Debug, Clone)]
 pub struct CascadeLaw {
@@ -25,6 +27,8 @@ pub struct CascadeLaw {
     /// With integral action: what it compares with, and how often, s.
     believed: Option<NominalBody>,
     period: f64,
+    /// Of the measured angular velocity.
+    filters: FilterRow,
 }
 
 impl CascadeLaw {
@@ -39,7 +43,18 @@ impl CascadeLaw {
         let schedule = RateDivisors::new(rates, physics.dt)?;
         let believed = if gains.is_integral() { Some(NominalBody::new(&vehicle.upright())?) } else { None };
         let period = schedule.every[2] as f64 * physics.dt;
-        Ok(Self { cascade, gains: *gains, schedule, n_rotor: vehicle.n_rotor(), believed, period })
+        let filters = FilterRow::default();
+        Ok(Self { cascade, gains: *gains, schedule, n_rotor: vehicle.n_rotor(), believed, period, filters })
+    }
+
+    /// With filters of the measured angular velocity, first to last, in place of those it had. They take a sample where the rate level
+    /// computes; all levels are given what they say. The law measures rates and differentiates none, so that it needs no other.
+    ///
+    /// # Errors
+    /// As [`FilterSettings::validate_all`] at the rate of the rate level.
+    pub fn with_filters(mut self, filters: &[FilterSettings]) -> Result<Self> {
+        self.filters = FilterRow::new(filters, self.period)?;
+        Ok(self)
     }
 
     /// As a controller, before its first tick.
@@ -75,6 +90,10 @@ impl ControlLaw for CascadeLaw {
         Some(self.schedule)
     }
 
+    fn filters(&self) -> &[FilterSettings] {
+        self.filters.settings()
+    }
+
     fn n_tick(&self) -> usize {
         3
     }
@@ -87,7 +106,7 @@ impl ControlLaw for CascadeLaw {
         let mut memory = vec![0.0; self.n_latched()];
         write_latched(&self.cascade.initial(), &mut memory);
         let learnt = if self.believed.is_some() { IntegralState::<f64>::DIM } else { 0 };
-        memory.resize(memory.len() + learnt, 0.0);
+        memory.resize(memory.len() + learnt + self.filters.n_memory(), 0.0);
         memory
     }
 
@@ -112,7 +131,11 @@ impl ControlLaw for CascadeLaw {
             cascade.gains = GainSet::read(now.parameters);
         }
         let ticks = [now.ticks[0], now.ticks[1], now.ticks[2]];
-        let (state, sample) = (cascade.own(&now.kinematics()), now.sample());
+        let (mut state, sample) = (cascade.own(&now.kinematics()), now.sample());
+        let (memory, passed) = memory.split_at_mut(memory.len() - self.filters.n_memory());
+        if !self.filters.is_empty() {
+            state.angular_velocity = self.filters.filtered(ticks[2], passed, state.angular_velocity);
+        }
         let (latched, learnt) = memory.split_at_mut(self.n_latched());
         let held = read_latched(latched);
         let new = match &self.believed {
@@ -165,3 +188,6 @@ pub(super) fn read_latched<S: Scalar, const R: usize>(x: &[S]) -> CascadeMemory<
     padded[..x.len()].copy_from_slice(x);
     CascadeMemory::read(&padded[..CascadeMemory::<S, R>::DIM])
 }
+
+#[cfg(test)]
+mod tests;

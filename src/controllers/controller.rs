@@ -2,6 +2,7 @@
 
 use super::attitude::Orientation;
 use super::cascade::RateDivisors;
+use super::filter::FilterSettings;
 use super::kinematics::Kinematics;
 use super::law::RecordedLaw;
 use super::reference::{Reference, Setpoint, Tilt};
@@ -86,6 +87,10 @@ pub trait Controller: Send {
     fn schedule(&self) -> Option<RateDivisors> {
         None
     }
+    /// Filters of the measured angular velocity that it was built with; by default none.
+    fn filters(&self) -> &[FilterSettings] {
+        &[]
+    }
     /// Whether it holds a [`Tilt`] beside the reference.
     fn holds_tilt(&self) -> bool {
         false
@@ -154,6 +159,7 @@ macro_rules! delegate {
                 fn description(&self) -> String;
                 fn rate(&self) -> Option<f64>;
                 fn schedule(&self) -> Option<RateDivisors>;
+                fn filters(&self) -> &[FilterSettings];
                 fn holds_tilt(&self) -> bool;
                 fn tracked(&self, state: &[f64]) -> Kinematics<f64>;
                 fn reset(&mut self);

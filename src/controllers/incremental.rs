@@ -2,7 +2,7 @@
 
 use super::allocation::AllocationFunction;
 use super::allocation::problem::{Problem, WRENCH};
-use super::low_pass::LowPass;
+use super::filter::DigitalFilter;
 use autodiff::Scalar;
 use base::error::Result;
 use dynamics::rotor::thrust_action;
@@ -12,6 +12,11 @@ use dynamics::{MAX_ROTORS, Vehicle};
 pub const CUTOFF: f64 = 12.0;
 /// Priority of each row, as a factor of its balanced weight: sideways forces, thrust, roll and pitch, yaw.
 const PRIORITIES: [f64; WRENCH] = [1e-4, 1e-4, 1.0, 100.0, 100.0, 0.025];
+
+/// The filter of both, of samples every `period` seconds; at a quarter of the sampling rate where that is less.
+pub(super) fn equal_filter(period: f64) -> DigitalFilter {
+    DigitalFilter::low_pass(CUTOFF.min(0.25 / period), period)
+}
 
 /// Filters of ω and of a moment, and what they said last.
 #[derive(Debug, Clone)]
@@ -45,7 +50,13 @@ impl<S: Scalar> EqualFilters<S> {
     }
 
     /// Filtered signals half a period ago, and their slopes, per second. In the `first` tick they rest at `now`.
-    pub(super) fn filtered(&mut self, first: S::Mask, filter: &LowPass, now: [S; 6], period: f64) -> ([S; 6], [S; 6]) {
+    pub(super) fn filtered(
+        &mut self,
+        first: S::Mask,
+        filter: &DigitalFilter,
+        now: [S; 6],
+        period: f64,
+    ) -> ([S; 6], [S; 6]) {
         let (mut mean, mut slope) = (now, now);
         for k in 0..6 {
             let rest = filter.rest(now[k]);

@@ -25,12 +25,12 @@
 
 use super::attitude::Orientation;
 use super::cascade::{RateDivisors, Rates};
+use super::filter::DigitalFilter;
 use super::hover_axes::HoverAxes;
-use super::incremental::{BoundedRotors, EqualFilters};
+use super::incremental::{BoundedRotors, EqualFilters, equal_filter};
 use super::integral::IntegralState;
 use super::kinematics::Kinematics;
 use super::law::{ControlLaw, LawInput};
-use super::low_pass::LowPass;
 use super::nominal_body::NominalBody;
 use super::parameters::{GainSet, validate_gains};
 use super::position::add_drag;
@@ -64,7 +64,7 @@ pub struct IndiLaw {
     rotors: BoundedRotors,
     /// Most that errors ask for, m/s².
     correction: f64,
-    filter: LowPass,
+    filter: DigitalFilter,
     period: f64,
     rate: Option<f64>,
 }
@@ -114,7 +114,7 @@ impl IndiLaw {
             gains: *gains,
             rotors: BoundedRotors::new(vehicle)?,
             correction: CORRECTION * vehicle.max_thrust() / vehicle.mass_properties().mass,
-            filter: LowPass::new(CUTOFF, period),
+            filter: equal_filter(period),
             period,
             rate: (every > 1).then_some(rates.rate),
         })

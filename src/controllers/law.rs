@@ -5,6 +5,7 @@
 
 use super::cascade::RateDivisors;
 use super::controller::{Controller, Measurement, Target, forward};
+use super::filter::FilterSettings;
 use super::kinematics::Kinematics;
 use super::reference::Setpoint;
 use autodiff::trace::Recording;
@@ -64,6 +65,10 @@ pub trait ControlLaw: Send + Sync + 'static {
     /// The schedule of its levels, where it was built for one.
     fn schedule(&self) -> Option<RateDivisors> {
         None
+    }
+    /// Filters of the measured angular velocity that it was built with; by default none.
+    fn filters(&self) -> &[FilterSettings] {
+        &[]
     }
     /// What follows the reference: by default the root of the plant.
     fn tracked(&self, state: &[f64]) -> Kinematics<f64> {
@@ -156,6 +161,7 @@ impl<L: ControlLaw> Controller for LawController<L> {
         fn description(&self) -> String;
         fn rate(&self) -> Option<f64>;
         fn schedule(&self) -> Option<RateDivisors>;
+        fn filters(&self) -> &[FilterSettings];
         fn tracked(&self, state: &[f64]) -> Kinematics<f64>;
         fn is_batched(&self) -> bool;
     }
@@ -231,6 +237,7 @@ impl ControlLaw for RecordedLaw {
         fn rate(&self) -> Option<f64>;
         fn is_batched(&self) -> bool;
         fn schedule(&self) -> Option<RateDivisors>;
+        fn filters(&self) -> &[FilterSettings];
         fn tracked(&self, state: &[f64]) -> Kinematics<f64>;
         fn n_target(&self) -> usize;
         fn write_target(&self, target: Target<'_>, time: f64, row: &mut [f64]);

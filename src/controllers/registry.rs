@@ -4,6 +4,7 @@ use super::cascade::Rates;
 use super::cascade_law::{CascadeLaw, with_drag_of};
 use super::controller::Controller;
 use super::fault_tolerant::FaultTolerant;
+use super::filter::FilterSettings;
 use super::formation::FormationController;
 use super::hover_feedback::{HoverFeedback, HoverWeights};
 use super::indi::IndiLaw;
@@ -30,12 +31,14 @@ pub struct Setup<'a> {
     pub swift: Option<&'a Vehicle>,
     /// How `mpc` plans; without, as suits the plant.
     pub mpc: Option<&'a MpcSettings>,
+    /// Of the measured angular velocity, first to last; of `cascade` alone.
+    pub filters: &'a [FilterSettings],
 }
 
 impl<'a> Setup<'a> {
     /// With given gains or derived ones.
     pub fn new(gains: Option<&'a Gains>, rates: &'a Rates) -> Self {
-        Self { gains, rates, swift: None, mpc: None }
+        Self { gains, rates, swift: None, mpc: None, filters: &[] }
     }
 }
 
@@ -67,6 +70,12 @@ impl ControllerEntry {
     /// # Errors
     /// [`Error::Value`] for a plant that it is not made for; as the controller.
     pub fn build(&self, plant: &Plant, setup: &Setup<'_>) -> Result<Box<dyn Controller>> {
+        if !setup.filters.is_empty() && self.name != "cascade" {
+            let what = format!("filters with controller '{}'", self.name);
+            let value = setup.filters.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
+            let remedy = "Leave them out, or fly one vehicle with controller 'cascade'.";
+            return Err(Error::value(what, value, "none: the cascade of one vehicle alone has filters", remedy));
+        }
         if self.suits(plant) {
             return (self.build)(plant, setup);
         }
@@ -90,7 +99,7 @@ pub const REGISTRY: [ControllerEntry; 12] = [
             let vehicle = rigid(plant)?;
             let gains = setup.gains.copied().unwrap_or_else(|| vehicle.vehicle().gains());
             let law = CascadeLaw::new(vehicle.vehicle(), plant.physics(), &gains, setup.rates)?;
-            Ok(Box::new(law.running()))
+            Ok(Box::new(law.with_filters(setup.filters)?.running()))
         },
     },
     ControllerEntry {
