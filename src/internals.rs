@@ -4,6 +4,7 @@ mod compiled;
 
 pub use self::compiled::{Certified, Timed, ToOrigin, body_poses, contact_forces, energies, step_plant};
 pub use base::file_gate::{UNFINISHED_NAME, own_folder, read_text, remove_unfinished, replace, replace_with};
+pub use base::memory::Request as MemoryRequest;
 pub use base::names::{cell, quoted_cell, steers};
 pub use base::reader::{of_json, of_toml};
 pub use dynamics::contact::force::force as contact_force;

@@ -15,6 +15,8 @@ use super::allocation::failure::{RotorFailure, health};
 use super::cascade::Rates;
 use super::cascade_law::CascadeLaw;
 use super::controller::{Controller, Measurement, Target};
+use super::estimation::{EstimatedState, EstimatorSettings};
+use super::filter::FilterSettings;
 use super::law::{ControlLaw, LawController, LawInput};
 use autodiff::{Scalar, System};
 use base::error::{Error, Result};
@@ -116,6 +118,7 @@ struct Run {
     line: VecDeque<Vec<f64>>,
     seen: Vec<f64>,
     sensors: Option<(OnboardSensors, u64)>,
+    estimate: Option<Box<EstimatedState>>,
     /// The plant as it is by now, where rotors failed.
     damaged: Option<Plant>,
     health: Vec<f64>,
@@ -130,6 +133,16 @@ impl ClosedLoop<LawController<CascadeLaw>> {
     pub fn of_vehicle(vehicle: &Vehicle, physics: Physics, gains: &Gains, rates: &Rates) -> Result<Self> {
         let law = CascadeLaw::new(vehicle, &physics, gains, rates)?;
         Self::new(Plant::of_vehicle(vehicle, physics)?, law.running())
+    }
+
+    /// The same loop with filters of the measured angular velocity in its law. The loop begins anew.
+    ///
+    /// # Errors
+    /// As [`CascadeLaw::with_filters`].
+    pub fn with_filters(mut self, filters: &[FilterSettings]) -> Result<Self> {
+        self.controller = self.law().clone().with_filters(filters)?.running();
+        self.reset();
+        Ok(self)
     }
 }
 
@@ -157,6 +170,7 @@ impl<C: Controller> ClosedLoop<C> {
             line: VecDeque::new(),
             seen: Vec::new(),
             sensors: None,
+            estimate: None,
             damaged: None,
             health: whole.clone(),
             known: whole,
@@ -199,6 +213,28 @@ impl<C: Controller> ClosedLoop<C> {
             if configs.is_empty() { None } else { Some((OnboardSensors::new(configs, &self.plant)?, seed)) };
         self.reset();
         Ok(self)
+    }
+
+    /// An estimator between its sensors and the controller, which is given the estimate in place of the true state from now on. It begins
+    /// off the true state by its settings' deviations, as drawn from the seed of the sensors, where it has such. Of [`advance`](Self::advance) alone. The loop begins anew.
+    ///
+    /// # Errors
+    /// As [`EstimatedState::new`]; [`Error::Value`] where the loop has not these sensors ([`with_sensors`](Self::with_sensors)).
+    pub fn with_estimator(mut self, sensors: &[SensorConfig], settings: &EstimatorSettings) -> Result<Self> {
+        let readings: usize = sensors.iter().map(|sensor| sensor.model.channels().len()).sum();
+        let own = self.run.sensors.as_ref().map_or(0, |(own, _)| own.channels().len());
+        if own == 0 || own != readings {
+            let (value, remedy) = (format!("{own} readings"), "Give with_sensors the same list before.");
+            return Err(Error::value("sensors of the loop", value, format!("{readings}, as of the estimator"), remedy));
+        }
+        self.run.estimate = Some(Box::new(EstimatedState::new(&self.plant, sensors, settings)?));
+        self.reset();
+        Ok(self)
+    }
+
+    /// The estimate, where there is a filter.
+    pub fn estimate(&self) -> Option<&EstimatedState> {
+        self.run.estimate.as_deref()
     }
 
     /// Its sensors, which tell what they read last.
@@ -255,6 +291,9 @@ impl<C: Controller> ClosedLoop<C> {
         if let Some((sensors, seed)) = &mut self.run.sensors {
             sensors.reset(*seed, 0, 0);
         }
+        if let Some(estimate) = &mut self.run.estimate {
+            estimate.reset(self.run.sensors.as_ref().map_or(0, |(_, seed)| *seed));
+        }
     }
 
     fn fresh_line(&self) -> VecDeque<Vec<f64>> {
@@ -281,9 +320,9 @@ impl<C: Controller> ClosedLoop<C> {
         let run = &mut self.run;
         if run.step.is_multiple_of(self.every) {
             let time = run.step as f64 * dt;
-            let mut seen = state;
+            let mut seen = run.estimate.as_ref().map_or(state, |estimate| estimate.state());
             if !outside.at_output.is_empty() {
-                run.seen = add(state, &outside.at_output);
+                run.seen = add(seen, &outside.at_output);
                 seen = &run.seen;
             }
             let readings = run.sensors.as_ref().map_or(&[][..], |(sensors, _)| sensors.readings());
@@ -299,6 +338,9 @@ impl<C: Controller> ClosedLoop<C> {
         }
         for first in &self.disturbances {
             outside.air.write(&mut run.applied[*first..]);
+        }
+        if let Some(estimate) = &mut run.estimate {
+            estimate.apply(&run.applied);
         }
         run.step += 1;
         self.move_on(state, &self.run.applied, next);
@@ -322,7 +364,10 @@ impl<C: Controller> ClosedLoop<C> {
             self.move_on(state, &input, next);
         }
         if let Some((sensors, _)) = &mut self.run.sensors {
-            sensors.read(state, next);
+            let readings = sensors.read(state, next);
+            if let Some(estimate) = &mut self.run.estimate {
+                estimate.take(state, readings);
+            }
         }
     }
 

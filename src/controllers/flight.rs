@@ -4,10 +4,12 @@ use super::allocation::failure::RotorFailure;
 use super::cascade::{RateDivisors, Rates};
 use super::closed_loop::{ClosedLoop, ExogenousInputs, check_delay, check_latency};
 use super::controller::{Controller, Target};
+use super::filter::FilterSettings;
 use super::hover_axes::HoverAxes;
 use super::reference::{Reference, Setpoint, Tilt};
 use super::registry::{Setup, controller};
 use super::start::start_on;
+use crate::estimation::{ESTIMATORS, EstimateTally, EstimatedState, EstimatorSettings, InnovationRecord};
 use autodiff::safe;
 use base::error::{Error, Result};
 use base::memory::Request;
@@ -39,6 +41,8 @@ pub struct FlightPlan {
     pub physics: Physics,
     /// How often each control level computes: what the controller was built for.
     pub rates: Rates,
+    /// Filters of the measured angular velocity, first to last: what the cascade of one vehicle was built with. Default none.
+    pub filters: Vec<FilterSettings>,
     /// Wind along the flight. Default none.
     pub wind: Wind,
     /// Seed of the wind and of what sensors read. Default 0.
@@ -49,8 +53,10 @@ pub struct FlightPlan {
     pub detection_delay: f64,
     /// Steps by which commands act late, 0 to 1000. Default 0.
     pub latency: usize,
-    /// Sensors that read along, into the log; controllers are given the truth. Default none.
+    /// Sensors that read along, into the log; controllers are given the truth unless there is an `estimator`. Default none.
     pub sensors: Vec<SensorConfig>,
+    /// An estimator of the state from what they read, whose estimate the controller is given in place of the truth. Default none.
+    pub estimator: Option<EstimatorSettings>,
 }
 
 impl Default for FlightPlan {
@@ -62,12 +68,14 @@ impl Default for FlightPlan {
             duration: 15.0,
             physics: Physics::default(),
             rates: Rates::default(),
+            filters: Vec::new(),
             wind: Wind::Calm,
             seed: 0,
             failures: Vec::new(),
             detection_delay: 0.05,
             latency: 0,
             sensors: Vec::new(),
+            estimator: None,
         }
     }
 }
@@ -85,6 +93,48 @@ pub struct Flight {
     /// Where to take derivatives, [beside kinks](SmoothPoint::beside_kinks); in a flight with failures or latency nowhere (its margin is
     /// negative).
     pub smoothest: SmoothPoint,
+    /// What was estimated on the way, with an `estimator`.
+    pub estimates: Option<FlightEstimates>,
+}
+
+/// What a filter made of the sensors of a flight.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FlightEstimates {
+    /// Row-major `[sample, 19]`: place (m, world), velocity (m/s, world) and attitude (body → world) as they were estimated, then standard
+    /// deviations of place, velocity and attitude (rad, about the axes of the inertial unit); of an estimator without a covariance
+    /// `[sample, 10]`.
+    pub rows: Vec<f64>,
+    /// Name of the kind of estimator.
+    pub kind: &'static str,
+    /// How they compared with the truth.
+    pub tally: EstimateTally,
+    /// How readings agreed with what was expected of them.
+    pub records: Vec<InnovationRecord>,
+    /// Samples of the inertial unit at a limit.
+    pub saturated: u64,
+    /// How often the filter began anew, knowing nothing.
+    pub begun_anew: u64,
+}
+
+impl FlightEstimates {
+    /// Numbers of a row with deviations.
+    pub const DIM: usize = 19;
+
+    /// Numbers of a row.
+    pub fn width(&self) -> usize {
+        if self.has_covariance() { Self::DIM } else { 10 }
+    }
+
+    /// Whether the estimator knows how good its estimate is.
+    pub fn has_covariance(&self) -> bool {
+        ESTIMATORS.iter().any(|entry| entry.name == self.kind && entry.has_covariance)
+    }
+}
+
+/// A row of [`FlightEstimates`].
+fn write_estimate(estimate: &EstimatedState, rows: &mut Vec<f64>) {
+    rows.extend_from_slice(&estimate.state()[..10]);
+    rows.extend(estimate.filter().deviations().into_iter().flatten());
 }
 
 impl Flight {
@@ -223,7 +273,8 @@ fn check_memory(plan: &FlightPlan, n_step: u64, plant: &Plant) -> Result<()> {
             _ => scanned += (n_step / sensor.steps_between(plan.physics.dt)? + 1) as u128 * (1 + n as u128),
         }
     }
-    let each = FlightLog::bytes_of_sample(plant, n_reading) as u128;
+    let estimated = if plan.estimator.is_some() { FlightEstimates::DIM * size_of::<f64>() } else { 0 };
+    let each = (FlightLog::bytes_of_sample(plant, n_reading) + estimated) as u128;
     // columns double where they are full
     let bytes = 2 * (u128::from(n_step) * each + scanned * size_of::<f64>() as u128);
     let (value, less) = (format!("{} s", plan.duration), "Fly shorter, or with a larger dt");
@@ -239,7 +290,7 @@ fn check_memory(plan: &FlightPlan, n_step: u64, plant: &Plant) -> Result<()> {
 ///
 /// # Errors
 /// [`Error::Value`] or [`Error::Limit`] if the plan is not valid, or not for this plant and this controller: other physics
-/// (but for the effect `disturbance`), other rates, wind without that effect, a tilt that is not held. As [`OnboardSensors::new`] for
+/// (but for the effect `disturbance`), other rates or filters, wind without that effect, a tilt that is not held. As [`OnboardSensors::new`] for
 /// its sensors, and as `check_start` where the reference begins inside of something.
 pub fn fly(
     plant: &Plant,
@@ -307,6 +358,10 @@ fn flown(
         .with_failures(&plan.failures, plan.detection_delay)?
         .with_latency(plan.latency)?
         .with_sensors(&plan.sensors, plan.seed)?;
+    if let Some(settings) = &plan.estimator {
+        system = system.with_estimator(&plan.sensors, settings)?;
+    }
+    let mut estimates = Vec::new();
     let mut wind = WindState::new(plan.wind.clone(), Stream::new(plan.seed, 0, 0, Purpose::WIND))?;
     let target = Target { reference: &plan.reference, tilt: &plan.tilt };
     let mut outside = ExogenousInputs::none();
@@ -326,6 +381,9 @@ fn flown(
         record(&mut log, &system, time, &x, &target.sample(time), outside.air.wind)?;
         log.commanded.extend(system.controller().commanded());
         record_readings(&mut log, system.sensors(), &few, time);
+        if let Some(estimate) = system.estimate() {
+            write_estimate(estimate, &mut estimates);
+        }
         if holds_tilt {
             log.asked_angles.push(angles(target.orientation(time).attitude));
         }
@@ -340,7 +398,15 @@ fn flown(
         std::mem::swap(&mut x, &mut next);
         progress(k)?;
     }
-    Ok(Flight { log, states, diverged_at, smoothest })
+    let estimates = system.estimate().map(|own| FlightEstimates {
+        rows: estimates,
+        kind: own.filter().kind(),
+        tally: own.tally().clone(),
+        records: own.filter().records().to_vec(),
+        saturated: own.filter().saturated(),
+        begun_anew: own.filter().begun_anew(),
+    });
+    Ok(Flight { log, states, diverged_at, smoothest, estimates })
 }
 
 /// A vehicle with `gains` under its cascade along the plan, from rest on its reference; with rotors that fail, under the
@@ -357,7 +423,12 @@ pub fn fly_vehicle(
     plan.n_step()?;
     let plant = Plant::of_vehicle(vehicle, plan.air_physics())?;
     let name = if plan.failures.is_empty() { "cascade" } else { "fault_tolerant" };
-    fly(&plant, &mut controller(name, &plant, &Setup::new(Some(gains), &plan.rates))?, plan, progress)
+    fly(
+        &plant,
+        &mut controller(name, &plant, &Setup { filters: &plan.filters, ..Setup::new(Some(gains), &plan.rates) })?,
+        plan,
+        progress,
+    )
 }
 
 /// Refuses a plan that says otherwise than plant and controller.
@@ -372,6 +443,16 @@ fn fits(plant: &Plant, controller: &dyn Controller, plan: &FlightPlan) -> Result
         let value = format!("{:?}", plan.rates);
         let rule = format!("those that controller '{}' was built for", controller.name());
         return Err(Error::value("plan.rates", value, rule, "Build the controller with plan.rates."));
+    }
+    if plan.filters != controller.filters() {
+        let value = format!("{:?}", plan.filters);
+        let rule = format!("those that controller '{}' was built with", controller.name());
+        return Err(Error::value(
+            "plan.filters",
+            value,
+            rule,
+            "Build the controller with plan.filters, as Setup takes them.",
+        ));
     }
     if !plan.tilt.is_level() && !controller.holds_tilt() {
         let what = format!("tilt of '{}' under controller '{}'", plant.name(), controller.name());

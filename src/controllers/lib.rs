@@ -34,7 +34,7 @@
 //! | `vectored`: [`Vectored`], [`vectored()`] | thrusters that tilt: pose and shape of Omav, Dragon and their like |
 //! | `chain_shape`: [`ChainShape`], [`ChainRamp`] | the shape of a chain |
 //! | `indi`: [`IndiLaw`] | flatness over incremental inversion of the dynamics, at the limits of the rotors |
-//! | `low_pass` | filters whose lags agree |
+//! | `filter`: [`DigitalFilter`], [`FilterSettings`] | low-passes and notches, and rows of them |
 //! | `hover_feedback`: [`HoverFeedback`], [`HoverWeights`] | LQR and LQI of one rigid vehicle about hover |
 //! | `state_feedback`: [`Lqr`], [`LqrWeights`] | optimal feedback for a drone with swinging loads |
 //! | `gimballed` | a drone on a cardan joint that pushes its carrier with a wanted force |
@@ -73,8 +73,11 @@ pub mod controller;
 #[doc(hidden)]
 pub mod controller_batch;
 pub mod design;
+pub mod estimation;
 #[doc(hidden)]
 pub mod fault_tolerant;
+#[doc(hidden)]
+pub mod filter;
 #[doc(hidden)]
 pub mod flight;
 #[doc(hidden)]
@@ -98,13 +101,13 @@ pub mod linear;
 pub(crate) mod load_flatness;
 #[doc(hidden)]
 pub mod locked_joints;
-pub(crate) mod low_pass;
 #[doc(hidden)]
 pub mod monte_carlo;
 pub(crate) mod nominal_body;
 pub mod optimal;
 #[doc(hidden)]
 pub mod parameters;
+mod period;
 #[doc(hidden)]
 pub mod platform_controller;
 #[doc(hidden)]
@@ -139,7 +142,8 @@ pub use confidence::{Proportion, Quantile, clopper_pearson};
 pub use controller::{Controller, Measurement, Note, Passive, Target};
 pub use controller_batch::ControllerBatch;
 pub use fault_tolerant::FaultTolerant;
-pub use flight::{Flight, FlightPlan, SmoothPoint, fly, fly_from, fly_vehicle, fly_while};
+pub use filter::{DigitalFilter, FilterFile, FilterSettings, MAX_FILTERS};
+pub use flight::{Flight, FlightEstimates, FlightPlan, SmoothPoint, fly, fly_from, fly_vehicle, fly_while};
 pub use flight_check::{FlightCheck, Mishap, check_flight};
 pub use formation::{FormationController, FormationLaw};
 pub use hover_axes::HoverAxes;

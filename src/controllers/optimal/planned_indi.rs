@@ -23,10 +23,10 @@ use crate::allocation::problem::WRENCH;
 use crate::cascade::{RateDivisors, Rates};
 use crate::cascade_law::with_drag_of;
 use crate::controller::{Controller, Measurement, Note, Target};
+use crate::filter::DigitalFilter;
 use crate::hover_axes::HoverAxes;
-use crate::incremental::{BoundedRotors, CUTOFF, EqualFilters};
+use crate::incremental::{BoundedRotors, CUTOFF, EqualFilters, equal_filter};
 use crate::kinematics::Kinematics;
-use crate::low_pass::LowPass;
 use crate::nominal_body::NominalBody;
 use base::error::{Error, Result};
 use dynamics::Plant;
@@ -49,7 +49,7 @@ pub struct PlannedIndi {
     geometry: DMatrix<f64>,
     /// Most moment that rotors have about each axis, N m.
     most: [f64; 3],
-    filter: LowPass,
+    filter: DigitalFilter,
     filters: EqualFilters<f64>,
     /// Whether the filters have nothing to go on from.
     is_first: bool,
@@ -94,7 +94,7 @@ impl PlannedIndi {
             commands: mpc.commands().to_vec(),
             believed: NominalBody::new(&vehicle)?,
             rotors: BoundedRotors::new(&vehicle)?,
-            filter: LowPass::new(CUTOFF, period),
+            filter: equal_filter(period),
             filters: EqualFilters::zeros(),
             is_first: true,
             beside: [0.0; 3],
