@@ -8,7 +8,7 @@ use omnidrones::parallel::Threads;
 
 fn judged(name: &str, latency: usize, plants: &PlantUncertainty, threads: usize) -> Robustness {
     let vehicle = vehicles::by_name(name).unwrap();
-    let flown = (&Physics::default(), &Rates::default());
+    let flown = (&Physics::default(), &Rates::default(), &[][..]);
     let threads = Threads::new(threads).unwrap();
     robustness(&vehicle, &vehicle.gains(), flown, (latency, &Disturbance::none()), plants, &threads).unwrap()
 }

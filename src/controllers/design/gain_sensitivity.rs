@@ -40,7 +40,9 @@ pub fn gain_sensitivity(vehicle: &Vehicle, gains: &Gains, plan: &FlightPlan) -> 
     if steps > MAX_STEPS {
         return Err(Error::limit("steps to differentiate", steps, MAX_STEPS, "Fly shorter, or with a larger dt."));
     }
-    let own = ClosedLoop::of_vehicle(vehicle, plan.air_physics(), gains, &plan.rates)?.with_latency(plan.latency)?;
+    let own = ClosedLoop::of_vehicle(vehicle, plan.air_physics(), gains, &plan.rates)?
+        .with_filters(&plan.filters)?
+        .with_latency(plan.latency)?;
     let system = LogGains::new(own);
     let theta: Vec<f64> = system.gains().iter().map(|k| k.ln()).collect();
     base::error::finite("logarithm of gain", &theta)?;

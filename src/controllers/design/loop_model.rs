@@ -75,21 +75,21 @@ pub struct LoopModel {
     pub commands: Vec<Signal>,
     /// Names of the measurements.
     pub measurements: Vec<Signal>,
-    steps: Vec<Step>,
+    pub(super) steps: Vec<Step>,
 }
 
 #[derive(Debug, Clone)]
-struct Step {
+pub(super) struct Step {
     /// n × n, of the error state of the loop.
-    a: DMatrix<f64>,
+    pub a: DMatrix<f64>,
     /// n × m: what is added to commands.
-    by_command: DMatrix<f64>,
+    pub by_command: DMatrix<f64>,
     /// m × n: what is commanded.
-    commanded: DMatrix<f64>,
+    pub commanded: DMatrix<f64>,
     /// n × p: what is added to measurements.
-    by_measurement: DMatrix<f64>,
+    pub by_measurement: DMatrix<f64>,
     /// p × n: what is measured.
-    measured: DMatrix<f64>,
+    pub measured: DMatrix<f64>,
 }
 
 impl LoopModel {

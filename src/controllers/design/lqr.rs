@@ -231,7 +231,7 @@ pub fn bryson(deviations: &[f64]) -> Result<DMatrix<f64>> {
 }
 
 /// Refuses what a staircase does not reach and what does not decay: no feedback ends it, and none has a least cost.
-fn all_settle(states: &[Signal], staircase: &Staircase, rule: &str, remedy: &str) -> Result<()> {
+pub(crate) fn all_settle(states: &[Signal], staircase: &Staircase, rule: &str, remedy: &str) -> Result<()> {
     let Some(lasting) = staircase.lasting()? else { return Ok(()) };
     let n = lasting.directions.len();
     let what = format!("what does not decay, {n} of {} directions of the state", states.len());

@@ -13,6 +13,7 @@ use crate::cascade::Rates;
 use crate::cascade_law::CascadeLaw;
 use crate::closed_loop::ClosedLoop;
 use crate::controller::Target;
+use crate::filter::FilterSettings;
 use crate::reference::{Hover, Reference};
 use base::error::{Error, Result};
 use base::parallel::Threads;
@@ -204,6 +205,8 @@ pub(super) struct Flown<'a> {
     pub gains: &'a Gains,
     pub physics: &'a Physics,
     pub rates: &'a Rates,
+    /// Of the measured angular velocity.
+    pub filters: &'a [FilterSettings],
     /// Steps by which commands act late.
     pub latency: usize,
     /// What acts beside the wind of a corner's speed.
@@ -212,7 +215,7 @@ pub(super) struct Flown<'a> {
 
 impl<'a> Flown<'a> {
     pub fn in_still_air(vehicle: &'a Vehicle, gains: &'a Gains, physics: &'a Physics, rates: &'a Rates) -> Self {
-        Self { vehicle, gains, physics, rates, latency: 0, air: Disturbance::none() }
+        Self { vehicle, gains, physics, rates, filters: &[], latency: 0, air: Disturbance::none() }
     }
 
     /// The loop at a corner, which is stable; else what is wrong with it.
@@ -272,7 +275,7 @@ impl<'a> Flown<'a> {
 
     /// The loop of the true plant under the law of the believed one.
     fn model(&self, plant: Plant, steady: &Trim, corner: &Corner) -> Result<LoopModel> {
-        let law = CascadeLaw::new(self.vehicle, &self.physics(), self.gains, self.rates)?;
+        let law = CascadeLaw::new(self.vehicle, &self.physics(), self.gains, self.rates)?.with_filters(self.filters)?;
         let there = Reference::Hover(Hover { position: [0.0; 3], yaw: 0.0 });
         let closed = ClosedLoop::new(plant, law.running())?.with_latency(self.latency)?;
         LoopModel::new(closed, Target::level(&there), &self.air(corner), &steady.state)

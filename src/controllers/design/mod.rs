@@ -4,8 +4,10 @@
 //! |---|---|
 //! | [`riccati`] | Riccati and Lyapunov equations by doubling |
 //! | `error_state`: [`ErrorState`] | linearisations without the redundancy of quaternions |
+//! | `estimated_loop`: [`LoopModel::with_estimator`] | the same loop with an estimator between sensors and controller |
 //! | `gain_evaluation` | how tuned gains fare where they were not tuned |
 //! | `loop_model`: [`LoopModel`], [`AnalysisPoint`] | the linear model of a loop that is flown, its margins at any point |
+//! | `loop_noise`: [`MeasurementNoise`], [`LoopDeviations`] | what noise of sensors does to such a loop, by the Lyapunov equation and as flown |
 //! | `margin_constraint` | such a gate while gains are tuned |
 //! | `margin_gate`: [`MarginGate`], [`Corner`] | what a controller has to bear: margins in winds, on plants not as believed |
 //! | `lqr`: [`lqr()`], [`FiniteHorizon`] | state feedback of least cost, with integrators or over a finite time, weights by Bryson's rule |
@@ -20,6 +22,7 @@
 
 #[doc(hidden)]
 pub mod error_state;
+mod estimated_loop;
 #[doc(hidden)]
 pub mod feed_forward;
 #[doc(hidden)]
@@ -29,6 +32,7 @@ mod gain_evaluation;
 pub mod gain_sensitivity;
 #[doc(hidden)]
 pub mod loop_model;
+mod loop_noise;
 #[doc(hidden)]
 pub mod lqr;
 mod margin_constraint;
@@ -50,6 +54,7 @@ pub use feed_forward::{FeedForward, feed_forward};
 pub use flight_grid::{FlightGrid, GridCell};
 pub use gain_sensitivity::{GainSensitivity, gain_sensitivity};
 pub use loop_model::{AnalysisPoint, LoopMargins, LoopModel};
+pub use loop_noise::{LoopDeviations, MeasurementNoise, NoiseFlight, flown_deviations};
 pub use lqr::{FiniteHorizon, Regulator, bryson, finite_horizon, lqi, lqi_of, lqr, lqr_of};
 #[doc(hidden)]
 pub use margin_gate::truth;

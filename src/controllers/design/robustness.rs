@@ -11,6 +11,7 @@ use super::margin_gate::{Corner, Flown, MarginFailure};
 use crate::cascade::Rates;
 use crate::cascade_law::CascadeLaw;
 use crate::confidence::Proportion;
+use crate::filter::FilterSettings;
 use base::error::{Error, Result};
 use base::parallel::Threads;
 use dynamics::{Disturbance, Gains, Physics, Vehicle};
@@ -115,23 +116,24 @@ pub struct Robustness {
     pub n_judged: usize,
 }
 
-/// Judges gains of a vehicle's cascade in hover over a box of plants, with commands `latency` steps late, in steady air.
+/// Judges gains of a vehicle's cascade in hover over a box of plants, with filters of the measured angular velocity, with commands
+/// `latency` steps late, in steady air.
 ///
 /// # Errors
-/// As [`PlantUncertainty::validate`]; [`Error::Value`] where vehicle, gains or rates are not valid.
+/// As [`PlantUncertainty::validate`]; [`Error::Value`] where vehicle, gains, rates or filters are not valid.
 pub fn robustness(
     vehicle: &Vehicle,
     gains: &Gains,
-    physics_and_rates: (&Physics, &Rates),
+    (physics, rates, filters): (&Physics, &Rates, &[FilterSettings]),
     latency_and_air: (usize, &Disturbance<f64>),
     plants: &PlantUncertainty,
     threads: &Threads,
 ) -> Result<Robustness> {
-    let ((physics, rates), (latency, air)) = (physics_and_rates, latency_and_air);
+    let (latency, air) = latency_and_air;
     plants.validate()?;
     // what cannot fly at all is told before it is judged
-    CascadeLaw::new(vehicle, physics, gains, rates)?;
-    let flown = Flown { latency, air: *air, ..Flown::in_still_air(vehicle, gains, physics, rates) };
+    CascadeLaw::new(vehicle, physics, gains, rates)?.with_filters(filters)?;
+    let flown = Flown { filters, latency, air: *air, ..Flown::in_still_air(vehicle, gains, physics, rates) };
     let flaws = threads.map(plants.samples, |i| {
         let mut stream = Stream::new(plants.seed, i as u64, 0, Purpose::PARAMETERS);
         let plant = Corner::drawn(&mut stream, 0.0, plants.spread, plants.shift);
