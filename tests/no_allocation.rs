@@ -13,12 +13,14 @@ use omnidrones::autodiff::{
     Scalar, System, Trace, jacobian,
 };
 use omnidrones::controllers::cascade::Rates;
+use omnidrones::controllers::estimation::{StateEstimator, StateEstimatorBatch, StateEstimatorSettings};
 use omnidrones::controllers::kinematics::Kinematics;
 use omnidrones::controllers::reference::Setpoint;
 use omnidrones::controllers::registry::controller;
 use omnidrones::controllers::{
     Cascade, Controller, Measurement, Reference, Setup, Target, default_controller, start_on,
 };
+use omnidrones::dynamics::Frame;
 use omnidrones::dynamics::configurations::REGISTRY;
 use omnidrones::dynamics::sensors::{OnboardSensors, SensorConfig, presets};
 use omnidrones::dynamics::tree::Multibody;
@@ -162,6 +164,7 @@ fn stepping_evaluating_and_differentiating_allocate_nothing_after_warm_up_and_gr
     custom_functions_are_called_without_allocating();
     articulated_systems_step_without_allocating();
     sensors_read_without_allocating();
+    filters_take_in_readings_without_allocating();
     controllers_tick_without_allocating();
     environments_step_without_allocating();
     gradients_grow_with_the_root_of_the_horizon();
@@ -247,6 +250,32 @@ fn sensors_read_without_allocating() {
     }
 }
 
+fn filters_take_in_readings_without_allocating() {
+    let list = "imu:bmi088,motion_capture:optical,gnss:single_point,barometer:ms5611,range:vl53l1x,flow:pmw3901,magnetometer:pegasus";
+    let configs = SensorConfig::parse_list(list).unwrap();
+    let plant = Plant::of_vehicle(&vehicles::hummingbird(), Physics { dt: 0.002, ..Physics::default() }).unwrap();
+    let mut sensors = OnboardSensors::new(&configs, &plant).unwrap();
+    let state = plant.hover_state().unwrap();
+    let settings = StateEstimatorSettings::default();
+    let mut one = StateEstimator::new(&configs, &settings, 0.002, 9.81).unwrap();
+    let mut many = StateEstimatorBatch::new(&configs, &settings, [0.002, 9.81], 11).unwrap();
+    let frame = Frame::of_vehicle(&state);
+    let mut run = |steps: usize| {
+        for _ in 0..steps {
+            let readings = sensors.read(&state, &state);
+            one.step(readings);
+            many.tell(3, readings);
+            many.advance();
+            assert!(one.estimate().position[0].is_finite() && many.estimate(3).position[0].is_finite());
+            assert!(one.squared_error(&frame).is_ok());
+        }
+        many.begin(3, &frame);
+        one.begin(&frame);
+    };
+    run(200);
+    assert_eq!(allocations(|| run(200)), 0, "filters of {list}");
+}
+
 fn controllers_tick_without_allocating() {
     let physics = Physics::default();
     let rigid = vehicles::all().into_iter().map(|vehicle| Plant::of_vehicle(&vehicle, physics).unwrap());
@@ -311,7 +340,10 @@ fn environments_step_without_allocating() {
     }
     let seeing = "[[sensor]]\nname = 'a'\nkind = 'lidar'\ngradient = 'pose'\n\
                   [[sensor]]\nname = 'b'\nkind = 'camera'\npool = 4\ngradient = 'pose'";
-    for (task, text) in [("Hover", ""), ("Forest", seeing)] {
+    let estimated = "observation = [{ kind = 'estimate' }]\ntask = { horizon = 3 }\n\
+                     [[sensor]]\nname = 'a'\nkind = 'imu'\npreset = 'bmi088'\n\
+                     [[sensor]]\nname = 'b'\nkind = 'gnss'\npreset = 'single_point'\nevery = 2";
+    for (task, text) in [("Hover", ""), ("Forest", seeing), ("Hover", estimated)] {
         let config = EnvConfig { n_env: 130, ..EnvConfig::from_toml(text, "seeing").unwrap() };
         let mut env = registry::by_name(task).unwrap().env(&config).unwrap();
         env.set_threads(Threads::new(1).unwrap());

@@ -246,6 +246,11 @@ impl EnvConfig {
         self.randomise.as_deref().unwrap_or_default()
     }
 
+    /// Whether what sensors read stands in the observation.
+    pub(crate) fn shows_readings(&self) -> bool {
+        !matches!(self.observation.first(), Some(ObservationTransform::Estimate { readings: false, .. }))
+    }
+
     /// The sensors of every agent, as far as the configuration says.
     pub fn sensors(&self) -> &[SensorConfig] {
         self.sensor.as_deref().unwrap_or_default()

@@ -138,7 +138,9 @@ impl Spec {
                     found.parameters = found.parameters.or((first < n).then_some(first..n));
                     n = first;
                 }
-                ObservationTransform::Noise { .. } | ObservationTransform::Normalise { .. } => (),
+                ObservationTransform::Estimate { .. }
+                | ObservationTransform::Noise { .. }
+                | ObservationTransform::Normalise { .. } => (),
             }
         }
         found

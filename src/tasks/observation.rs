@@ -6,6 +6,7 @@
 use super::task_spec::{Field, total};
 use autodiff::{Scalar, Trace, TraceMask};
 use base::error::{Error, Result};
+use controllers::estimation::StateEstimatorSettings;
 use dynamics::domain::Domain;
 use serde::{Deserialize, Serialize};
 
@@ -13,6 +14,18 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", tag = "kind", deny_unknown_fields)]
 pub enum ObservationTransform {
+    /// Every agent sees its own drone, and those of others, as a filter of its sensors estimates them
+    /// ([`StateEstimatorBatch`](controllers::estimation::StateEstimatorBatch)), in place of the truth; the first stage. Rewards, ends and the
+    /// central state are of the truth. Episodes begin with an estimate that is off by what the filter believes. Gradients take by how much it
+    /// is off for a constant.
+    Estimate {
+        /// Whether what the sensors read is shown too, behind the task's own numbers. Default false.
+        #[serde(default)]
+        readings: bool,
+        /// Of the filter.
+        #[serde(default)]
+        settings: StateEstimatorSettings,
+    },
     /// The last `steps` observations, newest first; zeros before an episode began.
     History {
         /// 2 to 256.
@@ -71,6 +84,7 @@ impl ObservationTransform {
             }
             Self::Noise { std, .. } => positive("observation.noise.std", *std),
             Self::Normalise { clip } => positive("observation.normalise.clip", *clip),
+            Self::Estimate { settings, .. } => settings.validate(),
             Self::History { .. } | Self::Privileged {} => Ok(()),
         }
     }
@@ -129,6 +143,10 @@ impl Extent {
     /// # Errors
     /// [`Error::Limit`] for more than [`MAX_STAGES`] stages or [`MAX_NUMBERS`] numbers.
     pub(crate) fn of(stages: &[ObservationTransform], raw: usize, theta: usize) -> Result<Self> {
+        if stages.iter().skip(1).any(|stage| matches!(stage, ObservationTransform::Estimate { .. })) {
+            let remedy = "Put it before the others: they transform what it shows.";
+            return Err(Error::value("observation: stage 'estimate'", "behind another", "the first, once", remedy));
+        }
         if stages.len() > MAX_STAGES {
             return Err(Error::limit("observation: stages", stages.len(), MAX_STAGES, "Leave some of them out."));
         }
@@ -140,6 +158,7 @@ impl Extent {
                     own.observation = own.observation.saturating_mul(*steps);
                     own.memory = own.memory.saturating_add(own.observation);
                 }
+                ObservationTransform::Estimate { .. } => (),
                 ObservationTransform::Noise { .. } => noise = noise.saturating_add(own.observation),
                 ObservationTransform::Normalise { .. } => own.normalised = Some(own.observation),
                 ObservationTransform::Privileged {} => own.observation = own.observation.saturating_add(theta),
@@ -208,6 +227,8 @@ impl Pipeline {
     fn add(&mut self, stage: &ObservationTransform, theta: &[(String, f64, Domain)]) -> Result<()> {
         let n = total(&self.fields);
         match stage {
+            // it decides what the task is shown
+            ObservationTransform::Estimate { .. } => (),
             ObservationTransform::History { steps } => {
                 self.steps.push(Step::History { steps: *steps, n, memory: self.memory });
                 self.memory += steps * n;

@@ -2,6 +2,7 @@
 
 use super::draws::BlockDraws;
 use super::episode_start::EpisodeStart;
+use super::estimate::Estimates;
 use super::layout::Kept;
 use super::programs::Scratch;
 use super::residual::BaseController;
@@ -69,6 +70,8 @@ pub(crate) struct Sizes {
     pub observation: usize,
     /// Of one agent, of those before the transforms: what its sensors read, behind what the task shows.
     pub reading: usize,
+    /// Of all agents: by how much their estimates differ from the truth.
+    pub estimate: usize,
     /// Memory of the transforms of all agents.
     pub history: usize,
     pub central: usize,
@@ -108,6 +111,8 @@ pub(crate) struct EnvBlock {
     pub kept: Columns,
     /// One per environment, or none.
     pub sensors: Vec<Sensors>,
+    /// Where observations are estimates.
+    pub estimates: Option<Estimates>,
     /// What controllers track, from the first step of an episode on; one per lane or none. Follows from what it began with.
     pub references: Vec<Option<Box<TaskReference>>>,
     pub seed: [u64; BLOCK],
@@ -129,6 +134,7 @@ impl EnvBlock {
             plant,
             kept: Columns::zeros(Kept::of(s).count),
             sensors: Vec::new(),
+            estimates: None,
             references: vec![None; if s.beginning > 0 { BLOCK } else { 0 }],
             seed: [0; BLOCK],
             episode: [0; BLOCK],

@@ -4,6 +4,7 @@ use super::block::{Columns, Sizes, Workspace};
 use super::control::Control;
 use super::draws::BlockDraws;
 use super::episode_start::{EpisodeStart, Plans};
+use super::estimate::EstimateSetup;
 use super::info_columns::InfoColumns;
 use super::layout::EnvLayout;
 use super::programs::Programs;
@@ -33,6 +34,7 @@ pub(crate) struct Core {
     /// Controllers that actions change the commands of.
     pub residual: Option<Residual>,
     pub sensing: Option<SensorSetup>,
+    pub estimating: Option<EstimateSetup>,
     /// With which rotors hold the speeds of rest.
     pub hover_input: Vec<f64>,
     pub bounds: Bounds,

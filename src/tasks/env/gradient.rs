@@ -92,6 +92,7 @@ impl TapeEntry {
             (&p.action, working.action.of(&work.rows)),
             (&p.next_goal, kept.goal.of(&block.kept)),
             (&p.readings, kept.readings.of(&block.kept)),
+            (&p.estimate, kept.estimate.of(&block.kept)),
             (&p.noise, working.noise.of(&work.rows)),
         ] {
             copy(&mut self.arguments[place.clone()], rows, block.plant.occupied);

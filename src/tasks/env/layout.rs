@@ -81,6 +81,8 @@ parts! {
         history: s.history;
         /// What sensors read, agent by agent.
         readings: s.agent * s.reading;
+        /// By how much estimates differ from the truth, agent by agent.
+        estimate: s.estimate;
         /// State and goal that the episode began with, where controllers fly.
         beginning: s.beginning;
     }

@@ -14,7 +14,9 @@ pub(crate) fn bytes_per_env(plant: &BatchPlant, s: &Sizes) -> usize {
     let rows = plant.n_row() + numbers + s.episode_state() + s.goal + s.task_state + s.theta + s.air;
     let reference = if s.beginning > 0 { REFERENCE } else { 0 };
     let fixed = 2 * size_of::<u64>() + size_of::<Option<RawBreach>>();
-    (rows + s.delay * s.command + s.history + s.agent * s.reading + s.beginning) * size_of::<f32>() + fixed + reference
+    (rows + s.delay * s.command + s.history + s.agent * s.reading + s.estimate + s.beginning) * size_of::<f32>()
+        + fixed
+        + reference
 }
 
 /// Bytes of one environment's rows in [`Buffers`](super::Buffers).

@@ -20,6 +20,7 @@
 //! | `draws` | draws of a block |
 //! | `restart` | episodes begin, goals change |
 //! | `sensing` | sensors of the agents |
+//! | `estimate` | what filters make of what they read, seen in place of the truth |
 //! | `info_columns` | which columns of information there are |
 //! | `write_out` | columns of a block into rows of the caller |
 //! | `mask` | sets of environments of a block |
@@ -39,6 +40,7 @@ pub(crate) mod core;
 pub(crate) mod draw_plan;
 mod draws;
 pub(crate) mod episode_start;
+mod estimate;
 pub(crate) mod gradient;
 mod info_columns;
 pub(crate) mod layout;
@@ -75,6 +77,7 @@ use self::buffers::Span;
 use self::control::{Control, LATCHED_PER_AGENT};
 use self::core::Core;
 use self::episode_start::Plans;
+use self::estimate::{ESTIMATE, EstimateSetup};
 use self::gradient::BlockTape;
 use self::info_columns::InfoColumns;
 use self::layout::EnvLayout;
@@ -171,8 +174,10 @@ impl Env {
         let (names, domains) = (robot.parameter_names(), robot.parameter_domains());
         let theta: Vec<_> = varied.iter().map(|k| (names[*k].clone(), nominal[*k], domains[*k])).collect();
         let sensing = SensorSetup::of(config, &*task)?;
-        let (mut shown, reading) = (own.observation.clone(), sensing.as_ref().map_or(0, |sensing| sensing.n));
-        shown.extend(sensing.iter().flat_map(|sensing| sensing.fields.iter().cloned()));
+        let estimating = EstimateSetup::of(config, &*task)?;
+        let read = sensing.as_ref().filter(|_| config.shows_readings());
+        let (mut shown, reading) = (own.observation.clone(), read.map_or(0, |sensing| sensing.n));
+        shown.extend(read.iter().flat_map(|sensing| sensing.fields.iter().cloned()));
         let extent = Extent::of(&config.observation, total(&shown), theta.len())?;
         let residual = Residual::of(config, robot)?;
         let n_agent = task.n_agent();
@@ -196,6 +201,7 @@ impl Env {
             delay: if config.delay.max > 0 { config.delay.max + 1 } else { 0 },
             raw: total(&shown),
             reading,
+            estimate: if estimating.is_some() { ESTIMATE * n_agent } else { 0 },
             observation: extent.observation,
             history: n_agent * extent.memory,
             central: total(&own.central),
@@ -212,7 +218,9 @@ impl Env {
             dynamics::Plant::Tree(m) => BatchPlant::tree(m.model(), *m.physics(), !varied.is_empty())?.0,
         };
         let n_env = config.n_env;
-        let bytes = bytes_per_env(&plant, &sizes) + sensing.as_ref().map_or(0, SensorSetup::bytes);
+        let bytes = bytes_per_env(&plant, &sizes)
+            + sensing.as_ref().map_or(0, SensorSetup::bytes)
+            + estimating.as_ref().map_or(0, |own| size_of::<f64>() * own.n_saved());
         check_memory(n_env, bytes + out_bytes(&sizes), config.memory_limit)?;
         let speeds = robot.drones().iter().flat_map(|d| d.rotors.iter().map(|r| r.speed)).collect();
         let privileged = theta.into_iter().map(|(name, value, _)| (name, value)).collect();
@@ -243,6 +251,7 @@ impl Env {
             control,
             residual,
             sensing,
+            estimating,
             hover_input,
             bounds: config.bounds,
             throttle_change: config.throttle_change,
@@ -271,6 +280,9 @@ impl Env {
             for (row, k) in core.layout.kept.theta.of_mut(&mut block.kept).iter_mut().zip(&core.varied) {
                 *row = [core.nominal[*k] as f32; BLOCK];
             }
+        }
+        if let Some(estimating) = &core.estimating {
+            block.give_estimates(&core, estimating);
         }
         let mut blocks = vec![block; n_env.div_ceil(BLOCK)];
         if let Some(last) = blocks.last_mut() {
@@ -475,6 +487,9 @@ impl Env {
         let (block, lane) = (&mut self.blocks[environment / BLOCK], environment % BLOCK);
         block.plant.rows.iter_mut().zip(state).for_each(|(row, x)| row[lane] = *x);
         block.moved |= 1 << lane;
+        if let Some(own) = &mut block.estimates {
+            own.anew |= 1 << lane;
+        }
         Ok(())
     }
 

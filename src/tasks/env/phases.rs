@@ -307,14 +307,21 @@ impl<'a> Step<'a> {
         }
     }
 
-    /// Observations before the transforms but for what sensors read, and the central state.
+    /// Observations before the transforms but for what sensors read, of estimates where they are asked for, and the central state, of the
+    /// truth.
     pub(crate) fn observe(&mut self) {
         let n = self.core.sizes.raw;
+        let truth = self.frames.clone();
+        if let Some(estimating) = &self.core.estimating {
+            let off = self.kept(|kept| kept.estimate).to_vec();
+            estimating.seen(&off, &mut self.frames);
+        }
         for agent in 0..self.core.sizes.agent {
             let view = self.view();
             let own = Writer::written(|out| self.core.task.observe(&view, agent, out)).numbers();
             self.work_mut(|work| work.raw)[agent * n..][..own.len()].copy_from_slice(&own);
         }
+        self.frames = truth;
         let view = self.view();
         let central = Writer::written(|out| self.core.task.central(&view, out)).numbers();
         self.work_mut(|work| work.central).copy_from_slice(&central);

@@ -103,6 +103,17 @@ impl SensorSetup {
             return Ok(None);
         }
         let bodies = robot.plant().body_names();
+        if let Some(lost) =
+            configs.iter().find(|config| config.faults.iter().any(|f| f.kind == sensors::FaultKind::Lost))
+        {
+            let remedy = "Take 'stuck' or 'offset': observations are numbers.";
+            return Err(Error::value(
+                format!("{}: faults", lost.place()),
+                "lost",
+                "of a kind that reads numbers",
+                remedy,
+            ));
+        }
         let own = |agent: usize| {
             let drone = &robot.drones()[agent.min(robot.drones().len() - 1)];
             let of_agent = |config: &SensorConfig| SensorConfig {
@@ -211,7 +222,7 @@ impl SensorSetup {
         if senses.records {
             self.keep_slopes(&sensors.sets, frames, lane, &mut senses.slopes);
         }
-        block.keep_readings(core, self.n, lane);
+        block.keep_readings(core, lane);
     }
 
     /// How one environment's readings change with poses, and the attitudes that turns are taken from.
@@ -255,7 +266,7 @@ fn sloped(sets: &[SensorSet]) -> (Vec<Sloped>, Vec<usize>) {
 }
 
 /// Motion of a body in one lane.
-fn frame(frames: &[[f32; BLOCK]], body: usize, lane: usize) -> Frame<f64> {
+pub(super) fn frame(frames: &[[f32; BLOCK]], body: usize, lane: usize) -> Frame<f64> {
     let mut numbers = [0.0; FRAME];
     take(&frames[body * FRAME..][..FRAME], lane, &mut numbers);
     Frame::read(&numbers)
@@ -313,9 +324,10 @@ impl Stepper<'_> {
             senses.records = records;
             senses.before.copy_from_slice(frames);
         }
+        self.estimate_anew();
     }
 
-    /// Reads the sensors of these lanes behind a step.
+    /// Reads the sensors of these lanes behind a step, and lets filters take in what is read.
     pub(crate) fn sense_after(&mut self, lanes: u64) {
         let core = self.core;
         let (Some(sensing), Some(senses)) = (&core.sensing, &mut self.work.senses) else { return };
@@ -328,6 +340,7 @@ impl Stepper<'_> {
             }
             sensing.read(core, self.block, senses, frames, lane);
         }
+        self.estimate_after(lanes);
     }
 
     /// Begins an episode of the sensors of these lanes, and reads them at rest in its first state: with the accelerations of a
@@ -356,6 +369,7 @@ impl Stepper<'_> {
             own.sets.iter_mut().for_each(|set| set.reset(seed, environment, episode));
             sensing.read(core, self.block, senses, frames, lane);
         }
+        self.estimate_first(lanes);
     }
 
     /// Finds out anew what stands around one environment: where an episode began, its goal changed, or it was loaded. From what
@@ -390,7 +404,8 @@ impl Env {
 
 impl EnvBlock {
     /// What one environment's sensors read, into its rows.
-    fn keep_readings(&mut self, core: &Core, n: usize, lane: usize) {
+    fn keep_readings(&mut self, core: &Core, lane: usize) {
+        let n = core.sizes.reading;
         let readings = core.layout.kept.readings.of_mut(&mut self.kept);
         for (agent, set) in self.sensors[lane].sets.iter().enumerate() {
             let rows = &mut readings[agent * n..][..n];

@@ -28,6 +28,13 @@ impl Env {
                 set.save(&mut saved);
                 saved.iter().for_each(|x| bytes.extend(x.to_le_bytes()));
             }
+            if let (Some(setup), Some(own)) = (&self.core.estimating, &block.estimates) {
+                let mut saved = vec![0.0; setup.n_saved()];
+                for lane in 0..block.plant.occupied {
+                    own.save(lane, &mut saved);
+                    saved.iter().for_each(|x| bytes.extend(x.to_le_bytes()));
+                }
+            }
         }
         bytes.extend(self.core.difficulty.to_le_bytes());
         bytes.extend(u64::from(self.core.collects).to_le_bytes());
@@ -74,6 +81,12 @@ impl Env {
                 let saved: Vec<f64> = (0..set.n_saved()).map(|_| f64::from_le_bytes(words.take())).collect();
                 set.restore(&saved)?;
             }
+            if let (Some(setup), Some(own)) = (&self.core.estimating, &mut block.estimates) {
+                for lane in 0..block.plant.occupied {
+                    let saved: Vec<f64> = (0..setup.n_saved()).map(|_| f64::from_le_bytes(words.take())).collect();
+                    own.restore(lane, &saved)?;
+                }
+            }
         }
         self.core.difficulty = f64::from_le_bytes(words.take());
         self.core.collects = u64::from_le_bytes(words.take()) != 0;
@@ -118,6 +131,14 @@ impl Env {
                     set.restore(&saved)?;
                 }
             }
+            if let (Some(setup), Some(own)) = (&self.core.estimating, &block.estimates) {
+                let mut own = own.clone();
+                for lane in 0..block.plant.occupied {
+                    let what = || format!("estimate of environment {}", i * BLOCK + lane);
+                    let saved = (0..setup.n_saved()).map(|_| words.finite(what)).collect::<Result<Vec<f64>>>()?;
+                    own.restore(lane, &saved)?;
+                }
+            }
         }
         let difficulty = words.finite(|| "difficulty".into())?;
         check((0.0..=1.0).contains(&difficulty), difficulty, || "difficulty".into())?;
@@ -138,7 +159,9 @@ impl Env {
             rows + (2 * BLOCK + 2 + 2 * block.sums.len()) * size_of::<u64>()
         };
         let blocks = self.blocks.first().map_or(0, of_block) * self.blocks.len();
-        let sensors = self.core.sensing.as_ref().map_or(0, |own| own.n_saved()) * self.spec.n_env;
+        let of_environment = self.core.sensing.as_ref().map_or(0, |own| own.n_saved())
+            + self.core.estimating.as_ref().map_or(0, |own| own.n_saved());
+        let sensors = of_environment * self.spec.n_env;
         // magic, fingerprint; difficulty, whether it collects, statistics, sum
         16 + blocks + (sensors + 2 * self.core.sizes.normalised + 4) * size_of::<u64>()
     }

@@ -46,6 +46,8 @@ pub struct StepLayout {
     pub wind: Range<usize>,
     /// What sensors read behind the step, agent by agent.
     pub readings: Range<usize>,
+    /// By how much estimates differ from the truth behind the step, agent by agent: see [`Env::estimate`](super::Env::estimate).
+    pub estimate: Range<usize>,
     /// Normal draws of the noise of observations.
     pub noise: Range<usize>,
     /// Statistics of the normaliser: means, then 1/standard deviations.
@@ -79,7 +81,7 @@ impl StepLayout {
         let (line, history) = (next(s.delay * s.command), next(s.history));
         let (action, parameters) = (next(s.command), next(s.theta));
         let (time, goal, next_goal, wind) = (next(3), next(s.goal), next(s.goal), next(s.air));
-        let readings = next(s.agent * s.reading);
+        let (readings, estimate) = (next(s.agent * s.reading), next(s.estimate));
         let (noise, statistics) = (next(s.agent * core.pipeline.noise), next(2 * s.normalised));
         at = history.end;
         let mut next = |n: usize| {
@@ -102,6 +104,7 @@ impl StepLayout {
             next_goal,
             wind,
             readings,
+            estimate,
             noise,
             statistics,
             observation,
@@ -115,7 +118,7 @@ impl StepLayout {
     }
 
     /// Arguments that an environment keeps, and where: beside its state, and what tells the time.
-    pub(crate) fn of_kept(&self, kept: &Kept) -> [(Range<usize>, Part); 7] {
+    pub(crate) fn of_kept(&self, kept: &Kept) -> [(Range<usize>, Part); 8] {
         [
             (self.task_state.clone(), kept.task_state),
             (self.line.clone(), kept.line),
@@ -124,6 +127,7 @@ impl StepLayout {
             (self.goal.clone(), kept.goal),
             (self.wind.clone(), kept.air),
             (self.readings.clone(), kept.readings),
+            (self.estimate.clone(), kept.estimate),
         ]
     }
 
