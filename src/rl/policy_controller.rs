@@ -24,6 +24,7 @@ pub struct PolicyController {
     places: Vec<usize>,
     /// Where the task wants its drone, m.
     goal: [f64; 3],
+    sees_estimates: bool,
 }
 
 impl PolicyController {
@@ -43,6 +44,7 @@ impl PolicyController {
     pub fn of(mut policy: Policy, task: &str, env: &EnvConfig, plant: &Plant) -> Result<Self> {
         let threads = Threads::new(1)?;
         policy.set_threads(threads.clone());
+        let sees_estimates = sees_estimates(env, task)?;
         let mut env = eval_env(&policy, task, env, Starts { n_env: 1, seed: 0 }, &threads)?;
         let mut out = Buffers::new(env.spec());
         env.reset(None, None, &mut out.out())?;
@@ -50,12 +52,20 @@ impl PolicyController {
         let goal = goal(&env)?;
         let places = env.robot().drone().commands().collect();
         let actions = vec![0.0; env.spec().action.len()];
-        Ok(Self { name: format!("policy of {task}"), policy, env, out, actions, places, goal })
+        // what it is given is the estimate
+        env.take_states_for_estimates();
+        Ok(Self { name: format!("policy of {task}"), policy, env, out, actions, places, goal, sees_estimates })
     }
 
     /// What the policy was trained on, or the nominal one of what it was.
     pub fn trained_on(&self) -> &Plant {
         self.env.robot().plant()
+    }
+
+    /// Whether it was trained on estimates of the state: what it is given here is what the loop measures, the truth unless the loop has an
+    /// estimator ([`ClosedLoop::with_estimator`](controllers::ClosedLoop::with_estimator)).
+    pub fn sees_estimates(&self) -> bool {
+        self.sees_estimates
     }
 
     /// Shows the moved state and acts; `None` for a state that is not finite.
@@ -94,6 +104,17 @@ impl Controller for PolicyController {
             let own = self.places.iter().zip(&self.actions);
             own.for_each(|(place, action)| commands[*place] = f64::from(*action).clamp(-1.0, 1.0));
         }
+    }
+}
+
+/// Whether a policy was trained on estimates.
+fn sees_estimates(env: &EnvConfig, task: &str) -> Result<bool> {
+    match env.observation.first() {
+        Some(ObservationTransform::Estimate { readings: true, .. }) => {
+            let what = format!("policy of {task}: observation");
+            Err(Error::value(what, "readings of sensors", "of the state", "Fly it with 'eval'."))
+        }
+        first => Ok(matches!(first, Some(ObservationTransform::Estimate { .. }))),
     }
 }
 
@@ -144,15 +165,48 @@ mod tests {
     use controllers::{FlightPlan, fly};
     use dynamics::{Physics, vehicles};
 
+    const ESTIMATED: &str = "observation = [{ kind = 'estimate' }]
+        [[sensor]]
+        name = 'imu'
+        kind = 'imu'
+        preset = 'bmi088'
+        [[sensor]]
+        name = 'cameras'
+        kind = 'motion_capture'
+        preset = 'optical'
+        every = 1";
+
     fn flown(vehicle: &str) -> Result<controllers::Flight> {
-        let env = EnvConfig { n_env: 1, ..EnvConfig::default() };
+        flown_of(vehicle, "", &FlightPlan { duration: 0.4, ..FlightPlan::default() })
+    }
+
+    fn flown_of(vehicle: &str, text: &str, plan: &FlightPlan) -> Result<controllers::Flight> {
+        let env = EnvConfig { n_env: 1, ..EnvConfig::from_toml(text, "test")? };
         let spec = Env::make("Hover", &env)?.spec().clone();
         let actor = Actor::new(&spec, &Layers { hidden: vec![8], ..Layers::default() }, true)?;
         let parameters = (0..actor.n_parameter()).map(|i| 0.05 * ((i * i % 13) as f32 - 6.0)).collect();
         let plant = Plant::of_vehicle(&vehicles::by_name(vehicle)?, Physics::default())?;
         let mut own = PolicyController::of(Policy::new(actor, parameters, None, &spec)?, "Hover", &env, &plant)?;
+        assert_eq!(own.sees_estimates(), !text.is_empty());
+        fly(&plant, &mut own, plan, &mut |_| {})
+    }
+
+    #[test]
+    fn a_policy_of_estimates_flies_on_the_state_that_it_is_given() {
         let plan = FlightPlan { duration: 0.4, ..FlightPlan::default() };
-        fly(&plant, &mut own, &plan, &mut |_| {})
+        let [truth, other] = [ESTIMATED, ""].map(|text| flown_of("hummingbird", text, &plan).unwrap().log);
+        let off = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        // the truth, where no estimator is, but for rounding: 4.5e-5 rad/s
+        assert!(off(&truth.rotor_command, &other.rotor_command) < 1e-3);
+        let sensors = dynamics::sensors::SensorConfig::parse_list("imu:bmi088,motion_capture:optical").unwrap();
+        let plan =
+            FlightPlan { sensors, estimator: Some(controllers::estimation::EstimatorSettings::default()), ..plan };
+        let estimated = flown_of("hummingbird", ESTIMATED, &plan).unwrap();
+        assert!(estimated.estimates.unwrap().tally.rms()[0] > 0.0);
+        assert!(off(&estimated.log.rotor_command, &other.rotor_command) > 0.1);
+        let read = ESTIMATED.replace("'estimate'", "'estimate', readings = true");
+        let error = flown_of("hummingbird", &read, &plan).unwrap_err().to_string();
+        assert!(error.contains("readings of sensors"), "{error}");
     }
 
     #[test]
