@@ -6,6 +6,7 @@ use clap::{Arg, Args, ValueEnum};
 use omnidrones::controllers::optimal::MpcSettings;
 use omnidrones::controllers::{FlightPlan, Rates, Reference};
 use omnidrones::dynamics::aero::wind::{Dryden, Wind};
+use omnidrones::dynamics::sensors::{SensorConfig, SensorFile};
 use omnidrones::dynamics::{Effects, Gains, Integrator, Physics, Vehicle};
 use omnidrones::parallel::Threads;
 use omnidrones::rl::algorithm;
@@ -435,6 +436,14 @@ pub fn mpc_settings(file: Option<&Path>, controller: &str) -> Result<Option<MpcS
         ));
     }
     files::read_toml(file).map(Some)
+}
+
+/// Sensors in short, or in a file.
+pub fn sensors(named: &str) -> Result<Vec<SensorConfig>> {
+    match SensorConfig::parse_list(named) {
+        Err(_) if is_path(named) => Ok(SensorFile::of(files::read_toml(Path::new(named))?, named)?.sensor),
+        known => known,
+    }
 }
 
 /// A reference of a name or in a file, checked.

@@ -1,12 +1,17 @@
 //! `omnidrones design`: a vehicle's steady flight, its modes, and what its control loop bears.
 
+mod estimated;
 mod figures;
+mod noise;
 mod planned;
 mod report;
 
+use self::estimated::EstimatorArguments;
 use self::figures::Loops;
+use self::noise::Noise;
 use self::report::Subject;
-use super::arguments::{PlotArguments, WRITTEN, mpc_settings};
+use super::arguments::{self, PlotArguments, WRITTEN, mpc_settings};
+use super::filters::{self, FilterArguments};
 use super::robot::FlyerArguments;
 use super::robustness::{self, PlantArguments};
 use super::source::Source;
@@ -21,7 +26,8 @@ use omnidrones::controllers::linear::{
 };
 use omnidrones::controllers::reference::{Hover, Reference};
 use omnidrones::controllers::registry::REGISTRY;
-use omnidrones::controllers::{ClosedLoop, Target};
+use omnidrones::controllers::{ClosedLoop, FilterSettings, Target};
+use omnidrones::dynamics::sensors::{SensorConfig, SensorSet};
 use omnidrones::dynamics::spatial::to_euler;
 use omnidrones::dynamics::{Disturbance, Gains, Physics, Plant, Vehicle};
 use std::f64::consts::PI;
@@ -33,7 +39,9 @@ alone, the poles of its control loop, gain, phase, delay and disk margins at eve
 margin of all commands at once. The loop is that of the cascade as it flies: sampled, with the rate of every level, its holds and its latency.
 
 With --controller mpc it is that of a model predictive controller where no bound acts: the feedback of its plan about hover, its poles and \
-margins, and how long a tick takes on a short flight. It reports configurations too.";
+margins, and how long a tick takes on a short flight. It reports configurations too.
+
+With --estimator and --sensors it tells what the loop bears with an estimator in it, beside what it bears on the true state.";
 
 const EXAMPLES: &str = "\
 Examples:
@@ -42,11 +50,14 @@ Examples:
   omnidrones design iris --latency 5                     commands 5 steps late
   omnidrones design firefly --gains derived --json       for a program
   omnidrones design hummingbird --spread 0.3 --samples 20   on plants that are not as believed
+  omnidrones design iris --filters low_pass:80,notch:150:30   filters of body rates, whose lag is in all margins
+  omnidrones design iris --sensors imu:bmi088            how far its noise moves vehicle and commands
   omnidrones design hummingbird --plot loop.svg          loop and sensitivity over frequency
   omnidrones design hummingbird --save model.json        the linear plant, for other tools
   omnidrones design iris --report iris.html              the report as a page, with plots
   omnidrones design hummingbird --controller mpc         of a plan in every tick: feedback, poles, margins, time
   omnidrones design payload --controller mpc             of a drone with a load
+  omnidrones design hummingbird --controller lqr --estimator kalman --sensors imu:bmi088,motion_capture:optical   of LQG
 
 Margins are of the loop broken at one point while all other paths stay closed. A disk margin is a change of gain and phase \
 at once, in all commands together where it says so (Seiler, Packard and Gahinet 2020): 0.5 stands for a factor of 0.6 to 1.67 \
@@ -64,6 +75,10 @@ loop and sensitivity.
 since a plan begins where commands act. --save writes the plant of a tick, with the errors that the feedback multiplies as states. The \
 flight follows the lemniscate of 'fly' for 5 s, with commands as late as the settings say. Times are of this machine.
 
+--sensors gives the controller the truth and the white noise of these sensors: of an imu the gyroscope's in the body rates, of a motion \
+capture its own in position and attitude. The table shows standard deviations of states and commands: those of the linear loop, by \
+the Lyapunov equation, beside those of a flight. Biases are left out, for they wander; so are lost samples and latency.
+
 JSON: SI units, radians; margins that are not met up to factors of 100 and delays of 128 steps are null. Motors answer with the longer of their lags, up or down.
 
 Exit codes: 0 reported, and the loop is stable; 1 it is not, or does not settle; 2 unusable input or arguments.";
@@ -76,7 +91,7 @@ Exit codes: 0 reported, and the loop is stable; 1 it is not, or does not settle;
 pub struct Arguments {
     #[command(flatten)]
     flyer: FlyerArguments,
-    /// Whose loop: cascade or mpc
+    /// Whose loop: cascade or mpc; with --estimator cascade, lqr or lqi
     #[arg(long, value_name = "NAME", default_value = "cascade", help_heading = "Controller")]
     controller: String,
     /// How --controller mpc plans: a file of its settings, as 'fly --help' lists them
@@ -94,6 +109,16 @@ pub struct Arguments {
     /// Write the report as one page with plots into this file (.html)
     #[arg(long, value_name = "FILE.html", group = WRITTEN, help_heading = "Output")]
     report: Option<PathBuf>,
+    #[command(flatten)]
+    estimated: EstimatorArguments,
+    #[command(flatten)]
+    filters: FilterArguments,
+    /// Sensors: KIND[:PRESET],…, or a TOML file with [[sensor]] tables, as of 'fly'
+    ///
+    /// With --estimator those that it has. Without, the noise of these in what the controller is given (imu, motion_capture): a table of
+    /// standard deviations of states and commands in hover, of the linear loop, and flown.
+    #[arg(long, value_name = "LIST|FILE.toml", help_heading = "Controller")]
+    sensors: Option<String>,
     #[command(flatten)]
     plants: PlantArguments,
     #[command(flatten)]
@@ -114,6 +139,22 @@ struct Findings {
     poles: Vec<Complex<f64>>,
     /// Whether the loop would be stable if motors answered with the shorter of their lags: asked where it is not with the longer.
     with_shorter_lags: bool,
+    /// Of the measured body rates.
+    filters: Vec<FilterSettings>,
+    rates: Rates,
+    /// What noise of sensors does, where it is asked for and the loop is stable.
+    noise: Option<Noise>,
+}
+
+/// What the loop is made of beside the vehicle.
+struct Setting<'a> {
+    gains: &'a Gains,
+    rates: Rates,
+    filters: Vec<FilterSettings>,
+    latency: usize,
+    air: Disturbance<f64>,
+    sensors: Vec<SensorConfig>,
+    quiet: bool,
 }
 
 /// Reports.
@@ -121,6 +162,9 @@ pub fn run(a: &Arguments) -> Result<Report> {
     a.flyer.flight.check()?;
     a.output.check()?;
     a.flyer.refuse_reference("design", "Leave it out: linear models are of steady flights.")?;
+    if let Some(named) = &a.estimated.estimator {
+        return estimated::run(a, named);
+    }
     check_controller(&a.controller)?;
     let mpc = mpc_settings(a.mpc.as_deref(), &a.controller)?;
     let save = files::model_file(a.save.as_deref(), a.output.force)?;
@@ -147,12 +191,21 @@ pub fn run(a: &Arguments) -> Result<Report> {
         let remedy = format!("It counts steps of dt, here {} ms, not milliseconds.", short(1e3 * physics.dt, 3));
         return Err(Error::limit("--latency", a.latency, most, &remedy));
     }
-    let found = match findings(&source.vehicle, physics, (&gains, &rates), a.latency, &air, a.output.json) {
+    let setting = Setting {
+        gains: &gains,
+        rates,
+        filters: a.filters.settings()?,
+        latency: a.latency,
+        air,
+        sensors: a.sensors.as_deref().map_or(Ok(Vec::new()), arguments::sensors)?,
+        quiet: a.output.json,
+    };
+    let found = match findings(&source.vehicle, physics, &setting) {
         Err(error) if does_not_settle(&error) => return Ok(unsettled(&source, &gains_name, &error, a.output.json)),
         found => found?,
     };
     let stable = found.stability.is_stable();
-    let plants = a.plants.judge(&source.vehicle, &gains, (&physics, &rates), (a.latency, &air))?;
+    let plants = a.plants.judge(&source.vehicle, &gains, (&physics, &rates, &found.filters), (a.latency, &air))?;
     if let Some((file, as_json)) = save {
         let text = if as_json { format!("{:#}\n", found.plant.to_json()) } else { found.plant.to_csv() };
         files::replace(file, text.as_bytes())?;
@@ -204,6 +257,7 @@ fn check_controller(name: &str) -> Result<()> {
         return Err(Error::Unknown { kind: "controller of 'design'", name: name.into(), known });
     }
     let remedy = match name {
+        "lqr" | "lqi" => "With --estimator it is judged too. 'omnidrones fly' flies it.",
         "mpc_indi" => "Take mpc: its plan is the same, but the increments between plan and rotors are left out.",
         _ => "Take one of them. 'omnidrones fly' and 'omnidrones recover' fly the others.",
     };
@@ -243,20 +297,19 @@ fn draw(
 fn findings(
     vehicle: &Vehicle,
     physics: Physics,
-    (gains, rates): (&Gains, &Rates),
-    latency: usize,
-    air: &Disturbance<f64>,
-    quiet: bool,
+    Setting { gains, rates, filters, latency, air, sensors, quiet }: &Setting<'_>,
 ) -> Result<Findings> {
     vehicle.check_steerable()?;
     let plant = Plant::of_vehicle(vehicle, physics)?;
+    SensorSet::new(sensors, physics.dt, &plant.body_names())?;
     let trim = trim(&plant, &TrimTarget { air: *air, ..TrimTarget::hover() })?;
     let linear = ErrorState::of_plant(&plant)?.state_space(&plant, &trim.state, &trim.input, trim.yaw_rate)?;
     let hover = Reference::Hover(Hover { position: [0.0; 3], yaw: 0.0 });
-    let model_of = |vehicle: &Vehicle| {
-        let closed = ClosedLoop::of_vehicle(vehicle, physics, gains, rates)?.with_latency(latency)?;
-        LoopModel::of_vehicle(closed, Target::level(&hover), air, &trim.state)
+    let closed_with = |vehicle: &Vehicle| {
+        ClosedLoop::of_vehicle(vehicle, physics, gains, rates)?.with_filters(filters)?.with_latency(*latency)
     };
+    let model_of =
+        |vehicle: &Vehicle| LoopModel::of_vehicle(closed_with(vehicle)?, Target::level(&hover), air, &trim.state);
     let model = model_of(vehicle)?;
     let poles = model.poles()?;
     let stability = model.stability()?;
@@ -266,8 +319,15 @@ fn findings(
     };
     // a loop that is not stable has no margins to list
     let stable = stability.is_stable();
-    let rows = if stable { margins(&model, quiet)? } else { Vec::new() };
+    let rows = if stable { margins(&model, *quiet)? } else { Vec::new() };
+    let noise = match stable && !sensors.is_empty() {
+        true => Some(Noise::of(sensors, &model, &closed_with(vehicle)?, air, &trim.state)?),
+        false => None,
+    };
     Ok(Findings {
+        noise,
+        filters: filters.clone(),
+        rates: *rates,
         modes: modes(&linear)?,
         hidden: out_of_reach(&linear)?,
         stability,
@@ -316,6 +376,9 @@ fn tell(page: &mut Page, gains: &str, a: &Arguments, found: &Findings, stable: b
     if stable {
         page.heading("Margins").table(margins_table(found));
         page.line(format!("  Searched up to factors of 100 and delays of {} steps.", LoopModel::MOST_DELAY));
+        if let Some(noise) = &found.noise {
+            noise.tell(page);
+        }
     } else {
         page.line(failed(&found.stability));
         if found.with_shorter_lags {
@@ -396,6 +459,8 @@ fn loop_facts(gains: &str, a: &Arguments, found: &Findings, stable: bool) -> Vec
         },
     ];
     facts.extend(found.all.as_ref().map(all_commands));
+    let at = facts.len().min(3);
+    facts.splice(at..at, filters::fact(&found.filters, found.rates.rate));
     facts
 }
 
@@ -486,7 +551,7 @@ fn as_json(vehicle: &Vehicle, gains: &str, found: &Findings, stable: bool, writt
         "reached": found.hidden.reached, "out_of_reach": found.hidden.names(found.plant.states()),
         "poles": found.poles.iter().map(|p| [p.re, p.im]).collect::<Vec<_>>(),
         "all_commands": found.all.as_ref().map(disk_json), "margins": stable.then_some(rows),
-        "files": files::names(written),
+        "filters": found.filters, "noise": found.noise.as_ref().map(Noise::json), "files": files::names(written),
     })
 }
 

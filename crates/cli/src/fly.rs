@@ -5,6 +5,7 @@ mod beside;
 mod degrees;
 mod derivatives;
 mod drop;
+pub mod estimate;
 mod flown;
 mod verdict;
 
@@ -14,6 +15,7 @@ use self::derivatives::Derivatives;
 use self::flown::{Flown, write};
 use super::arguments::{self, FlightArguments, OutputArguments, Outputs, VehicleArguments};
 use super::failure::{FailureArguments, Story};
+use super::filters::FilterArguments;
 use super::robot::{self, Robot};
 use super::source::{self, Source};
 use crate::prelude::*;
@@ -29,7 +31,7 @@ use omnidrones::dynamics::aero::wind::Wind;
 use omnidrones::dynamics::assembly::Member;
 use omnidrones::dynamics::configurations::environment::{environment, vehicle_in};
 use omnidrones::dynamics::scene::Scene;
-use omnidrones::dynamics::sensors::{SensorConfig, SensorFile, SensorSet};
+use omnidrones::dynamics::sensors::{SensorConfig, SensorSet};
 use omnidrones::dynamics::tree::Multibody;
 use omnidrones::dynamics::{Effects, Gains, Plant};
 use omnidrones::rl::{PolicyController, load_policy};
@@ -78,6 +80,9 @@ Examples:
   omnidrones fly iris --csv --out before              every step, in before/flight.csv
   omnidrones fly iris --gains derived --beside before/flight.csv --out after   what that changes
   omnidrones fly iris --csv --sensors imu:bmi088,barometer   what these read, in flight.csv
+  omnidrones fly hummingbird --sensors imu:bmi088,motion_capture:optical --estimator ekf   on what a filter makes of them
+  omnidrones fly hummingbird --controller lqr --sensors imu:bmi088,motion_capture:optical --estimator kalman   LQG
+  omnidrones fly iris --filters low_pass:80,notch:150:30   with filters of the body rates that it measures
   omnidrones fly payload --effects downwash,contact   with these effects
   omnidrones fly dragon --shape arc:30 --replay       a page for a browser, to turn it around and look
   omnidrones fly payload --drop=0.5                   falls half a metre to the ground
@@ -116,6 +121,8 @@ pub struct Arguments {
     rotors: VehicleArguments,
     #[command(flatten)]
     flight: FlightArguments,
+    #[command(flatten)]
+    filters: FilterArguments,
     /// A policy flies: the folder of a run, trained to hold a point with this vehicle; the reference takes its goal's place
     ///
     /// Physics are those of the vehicle itself, without the motor lag and damping of the benchmark's tasks.
@@ -223,9 +230,40 @@ pub struct Arguments {
     ///   every = 2                        # steps, or rate in Hz
     ///   latency = 1                      # steps, or delay in s
     ///   gyroscope = { density = 3e-4 }   # over what the preset says
-    /// Controllers are given the true state.
+    /// Controllers are given the true state, unless there is an --estimator.
     #[arg(long, value_name = "LIST|FILE.toml", conflicts_with = "drop", help_heading = "Output", verbatim_doc_comment)]
     sensors: Option<String>,
+    /// What makes an estimate of what the sensors read, on which the controller flies: ekf, complementary, kalman, or a file
+    ///
+    /// Of one rigid vehicle, with gnss, motion_capture, magnetometer, barometer, range. Each begins where the flight does.
+    ///   ekf             error-state Kalman filter, driven by an imu; takes in flow too
+    ///   complementary   fixed gains, driven by an imu; without a covariance
+    ///   kalman          steady Kalman filter about hover, driven by the commands;
+    ///                   LQG with --controller lqr
+    /// A file says more (docs/estimation.md), by its kind, each with a default:
+    ///   kind = "ekf"               # unless told otherwise
+    ///   position = 0.1             # standard deviation at the start, m;
+    ///                              # velocity, m/s; attitude, rad
+    ///   gate = 30.0                # largest squared innovation taken in, per number
+    ///   patience = 1.0             # s until what was left out is believed again
+    ///   beyond_gyroscope = 10.0    # what a sample at its limit may miss, rad/s;
+    ///                              # beyond_accelerometer, m/s²
+    /// or
+    ///   kind = "complementary"
+    ///   attitude = 10.0            # rates in 1/s, 0 leaves out; accelerometer, heading,
+    ///                              # bias, motion_capture, gnss, gnss_velocity, height
+    /// or
+    ///   kind = "kalman"            # densities of what the model misses
+    ///   acceleration = 0.1         # m/s²/√Hz; angular_acceleration, rad/s²/√Hz;
+    ///                              # angular_velocity, rad/s/√Hz
+    #[arg(
+        long,
+        value_name = "NAME|FILE.toml",
+        conflicts_with = "drop",
+        help_heading = "Controller",
+        verbatim_doc_comment
+    )]
+    estimator: Option<String>,
     /// Write replay.html: the flight in space, a page for any browser
     #[arg(long, help_heading = "Output")]
     replay: bool,
@@ -300,6 +338,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     if a.drop.is_none() && !alone {
         return flown(a, configured(a, robot, around)?);
     }
+    a.filters.refuse("--drop", "Its rotors idle: nobody steers it.")?;
     if !a.failure.fail.is_empty() {
         return Err(Error::value("--fail", "given", "left out for what is dropped", "Its rotors idle anyway."));
     }
@@ -313,7 +352,7 @@ fn outputs(a: &Arguments, name: &str) -> Result<Outputs> {
 
 /// Whether a picture of that name is of a flight.
 fn is_picture(name: &str) -> bool {
-    let own = ["overview", "path", "error", "rotors", "attitude", "rates", "joints", "beside", "drop"];
+    let own = ["overview", "path", "error", "estimate", "rotors", "attitude", "rates", "joints", "beside", "drop"];
     own.contains(&name) || name.starts_with("sensor_")
 }
 
@@ -356,16 +395,25 @@ fn vehicle(a: &Arguments, around: Option<Around>) -> Result<Flyer> {
     }
     fail(a, &plant, &mut plan)?;
     (plan.latency, plan.sensors) = (a.latency, sensors(a, &plant)?);
+    plan.estimator = a.estimator.as_deref().map(|named| estimate::settings(named, &plan.sensors)).transpose()?;
+    plan.filters = a.filters.settings()?;
     arguments::check_gains(&a.flight, a.controller.as_deref(), true)?;
     let (gains, gains_name) = a.flight.gains(&source.vehicle)?;
     let usual = if plan.failures.is_empty() { "cascade" } else { "fault_tolerant" };
     let name = a.controller.as_deref().unwrap_or(usual);
     let mut warnings = Vec::new();
     let controller = match policy(a, &believed, &mut warnings)? {
-        Some(policy) => policy,
+        Some(policy) => {
+            a.filters.refuse("--policy", "Leave out one of both.")?;
+            policy
+        }
         None => {
             let mpc = mpc_settings(a, name, &mut warnings)?;
-            controller(name, &believed, &Setup { mpc: mpc.as_ref(), ..Setup::new(Some(&gains), &plan.rates) })?
+            controller(
+                name,
+                &believed,
+                &Setup { mpc: mpc.as_ref(), filters: &plan.filters, ..Setup::new(Some(&gains), &plan.rates) },
+            )?
         }
     };
     let what = What::Vehicle { source: Box::new(source), gains, gains_name };
@@ -374,6 +422,7 @@ fn vehicle(a: &Arguments, around: Option<Around>) -> Result<Flyer> {
 
 /// A configuration.
 fn configured(a: &Arguments, robot: Robot, around: Option<Around>) -> Result<Flyer> {
+    a.filters.refuse("a configuration", "Leave it out, or fly a vehicle.")?;
     let plant = model_plant(a, &robot, around.is_some())?;
     let reference = reference(a, &plant)?;
     let usual = reference.duration().map_or(20.0, |end| end + 2.0);
@@ -383,6 +432,7 @@ fn configured(a: &Arguments, robot: Robot, around: Option<Around>) -> Result<Fly
     plan.tilt = a.tilt()?;
     fail(a, &plant, &mut plan)?;
     (plan.latency, plan.sensors) = (a.latency, sensors(a, &plant)?);
+    plan.estimator = a.estimator.as_deref().map(|named| estimate::settings(named, &plan.sensors)).transpose()?;
     let mut warnings = Vec::new();
     let controller = model_controller(a, &plant, &plan, &mut warnings)?;
     Ok(Flyer { plant, controller, plan, what: What::Model(Box::new(robot)), around, warnings })
@@ -390,15 +440,9 @@ fn configured(a: &Arguments, robot: Robot, around: Option<Around>) -> Result<Fly
 
 /// The sensors of the arguments, refused before anything is made where the plant cannot carry them.
 fn sensors(a: &Arguments, plant: &Plant) -> Result<Vec<SensorConfig>> {
-    let list = match a.sensors.as_deref() {
-        None => Vec::new(),
-        Some(named) => match SensorConfig::parse_list(named) {
-            Err(_) if arguments::is_path(named) => SensorFile::of(files::read_toml(Path::new(named))?, named)?.sensor,
-            known => known?,
-        },
-    };
+    let list = a.sensors.as_deref().map_or(Ok(Vec::new()), arguments::sensors)?;
     SensorSet::new(&list, plant.physics().dt, &plant.body_names())?;
-    if !list.is_empty() && a.output.no_plots && !(a.csv || a.npz || a.mcap() || a.replay) {
+    if !list.is_empty() && a.estimator.is_none() && a.output.no_plots && !(a.csv || a.npz || a.mcap() || a.replay) {
         let remedy = "Add --csv, --npz or --replay, or leave --no-plots out.";
         return Err(Error::value("--sensors", "neither drawn nor in a log", "to be read by somebody", remedy));
     }
@@ -417,6 +461,9 @@ fn policy(a: &Arguments, plant: &Plant, warnings: &mut Vec<String>) -> Result<Op
             told(own),
             told(other)
         ));
+    }
+    if policy.sees_estimates() && a.estimator.is_none() {
+        warnings.push("the policy was trained on estimates; it flies on the truth. --sensors … --estimator ekf flies it on what sensors read".into());
     }
     Ok(Some(Box::new(policy)))
 }
@@ -526,6 +573,7 @@ fn alone(effects: &Effects) -> Result<()> {
 fn flown(a: &Arguments, flyer: Flyer) -> Result<Report> {
     let Flyer { plant, mut controller, plan, what, around, mut warnings } = flyer;
     warnings.extend(degrees::hint(&plan.reference));
+    warnings.extend(plan.estimator.iter().flat_map(|own| estimate::warnings(&plan.sensors, own.kind())));
     let earlier = a.beside.as_deref().map(Beside::read).transpose()?;
     let mut outputs = outputs(a, plant.name())?;
     let bar = progress::bar(plan.n_step()?, "flying", a.output.json);

@@ -45,6 +45,7 @@ mod episodes;
 mod eval;
 mod failure;
 mod files;
+mod filters;
 mod fly;
 mod html;
 mod import;

@@ -1,9 +1,9 @@
 //! `omnidrones design --spread`: the same loop over a box of plants.
 
 use crate::prelude::*;
-use omnidrones::controllers::Rates;
 use omnidrones::controllers::design::robustness::robustness;
 use omnidrones::controllers::design::{PlantMargin, PlantUncertainty, Robustness};
+use omnidrones::controllers::{FilterSettings, Rates};
 use omnidrones::dynamics::{Disturbance, Gains, Physics, Vehicle};
 use omnidrones::parallel::Threads;
 
@@ -36,7 +36,7 @@ impl PlantArguments {
         &self,
         vehicle: &Vehicle,
         gains: &Gains,
-        flown: (&Physics, &Rates),
+        flown: (&Physics, &Rates, &[FilterSettings]),
         outside: (usize, &Disturbance<f64>),
     ) -> Result<Option<Robustness>> {
         let Some(spread) = self.spread else { return Ok(None) };

@@ -96,6 +96,8 @@ fn check(a: &Arguments) -> Result<()> {
         ),
         ("--spread", spread, "plants other than believed are judged for the cascade", "Leave out one of both."),
         ("--rates", rates, "it has no levels", "Its rate stands in the file of --mpc."),
+        ("--filters", a.filters.given(), "it is no cascade, which filters body rates", "Leave it out."),
+        ("--sensors", a.sensors.clone(), "noise is followed through the cascade", "Leave it out."),
         ("--gains", flight.gains.clone(), "its feedback follows from weights", "They stand in the file of --mpc."),
     ] {
         if let Some(given) = given {

@@ -57,6 +57,9 @@ impl Subject<'_> {
                  phase at once: 0.5 stands for a factor of 0.6 to 1.67 or 28°.",
             );
         }
+        if let Some(noise) = &found.noise {
+            noise.tell(&mut page);
+        }
         if let Some(plants) = self.plants {
             robustness::tell(&mut page, plants);
         }
@@ -83,6 +86,7 @@ impl Subject<'_> {
             rates: a.flyer.flight.rates(),
             latency: a.latency,
             wind,
+            filters: self.found.filters.clone(),
             ..FlightPlan::default()
         }
     }

@@ -52,6 +52,9 @@ impl Derivatives {
             d.left_out.push("the control law switches at a failure: fly without --fail for derivatives".into());
             return Ok(d);
         }
+        if plan.estimator.is_some() {
+            d.left_out.push("all of them are of the loop on the true state: the estimator has no part in them".into());
+        }
         if plan.latency > 0 {
             d.left_out.push("steps whose commands act late are not certified: fly without --latency".into());
             d.go_through(vehicle, gains, plan)?;
@@ -61,7 +64,9 @@ impl Derivatives {
             d.left_out.push("no step lies away from every kink: there is no point to differentiate at".into());
             return Ok(d);
         }
-        let system = ClosedLoop::of_vehicle(vehicle, plan.air_physics(), gains, &plan.rates)?.with_gains();
+        let system = ClosedLoop::of_vehicle(vehicle, plan.air_physics(), gains, &plan.rates)?
+            .with_filters(&plan.filters)?
+            .with_gains();
         let (plant, mut outside) = (system.plant(), vec![0.0; system.n_input()]);
         let beside = flight.smoothest.beside_kinks(plant);
         d.beside_kink = beside.is_some();
@@ -201,7 +206,9 @@ fn unstable(vehicle: &Vehicle, gains: &Gains, plan: &FlightPlan) -> Result<Optio
     let physics = plan.air_physics();
     let Ok(trim) = trim(&Plant::of_vehicle(vehicle, physics)?, &TrimTarget::hover()) else { return Ok(None) };
     let hover = Reference::Hover(Hover { position: [0, 1, 2].map(|k| trim.state[k]), yaw: 0.0 });
-    let closed = ClosedLoop::of_vehicle(vehicle, physics, gains, &plan.rates)?.with_latency(plan.latency)?;
+    let closed = ClosedLoop::of_vehicle(vehicle, physics, gains, &plan.rates)?
+        .with_filters(&plan.filters)?
+        .with_latency(plan.latency)?;
     let model = match LoopModel::of_vehicle(closed, Target::level(&hover), &Disturbance::none(), &trim.state) {
         Ok(model) => model,
         Err(Error::Value { value, .. }) => return Ok(Some(value)),

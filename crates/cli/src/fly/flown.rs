@@ -3,9 +3,11 @@
 use super::around::Approach;
 use super::beside::Comparison;
 use super::derivatives::Derivatives;
+use super::estimate;
 use super::{Arguments, What};
 use crate::arguments::{Outputs, is_optimal};
 use crate::failure::Story;
+use crate::filters;
 use crate::npz::Npz;
 use crate::page::plain_facts;
 use crate::prelude::*;
@@ -52,6 +54,9 @@ pub(super) fn write(
         for (name, figure) in sensor_figures(sensors, &flight.log) {
             outputs.draw(&sensor_file(&name), || figure)?;
         }
+        if let Some(found) = &flight.estimates {
+            outputs.draw("estimate", || estimate::figure(found, &flight.log))?;
+        }
         spinner.finish_and_clear();
     }
     if a.csv {
@@ -61,6 +66,9 @@ pub(super) fn write(
         outputs.put("flight.csv", |path| flight.log.write_csv(path))?;
         if let Some(system) = plant.tree().filter(|system| !joints(system, &[]).is_empty()) {
             outputs.text("joints.csv", joint_csv(system, flight))?;
+        }
+        if let Some(found) = &flight.estimates {
+            outputs.text("estimate.csv", estimate::csv(found, &flight.log))?;
         }
         for scans in &flight.log.scans {
             let name = format!("{}.csv", sensor_file(&scans.sensor));
@@ -268,6 +276,10 @@ impl Flown {
         if let Some(beside) = &self.beside {
             beside.page(&mut page, &self.summary);
         }
+        if let Some(found) = self.flight.estimates.as_ref().filter(|found| found.has_covariance()) {
+            page.heading("Innovations").table(estimate::table(found));
+            page.line("  ν²/S per number of a reading: 1 where sensor and filter agree; left out beyond the gate");
+        }
         if !self.joints.is_empty() {
             let mut table = Table::new("joint | >largest | >rms");
             for joint in &self.joints {
@@ -316,6 +328,7 @@ impl Flown {
         )));
         if !self.learnt && (self.plant.tree().is_some() || !is_optimal(&self.controller[0])) {
             facts.push(self.gains_fact());
+            facts.extend(filters::fact(&plan.filters, plan.rates.rate));
         }
         if let Some((kind, wind)) = describe_wind(&plan.wind) {
             facts.push(Fact::new("wind", kind).note(wind));
@@ -336,6 +349,7 @@ impl Flown {
         }
         facts.extend(self.failure_facts());
         facts.extend(self.plan.sensors.iter().map(|sensor| self.sensor_fact(sensor)));
+        facts.extend(self.flight.estimates.iter().flat_map(estimate::facts));
         let from =
             if s.rmse_after > 0.0 { format!("after the first {} s", s.rmse_after) } else { "whole flight".into() };
         let with_start = match (s.max_error, s.max_error_overall) {
@@ -481,6 +495,9 @@ impl Flown {
         value["warnings"] = json!(self.warnings);
         if let Some(approach) = &self.approach {
             value["scene"] = approach.json();
+        }
+        if let Some(found) = &self.flight.estimates {
+            value["estimate"] = estimate::json(found);
         }
         if let Some(beside) = &self.beside {
             value["beside"] = beside.json();

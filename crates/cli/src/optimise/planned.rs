@@ -213,7 +213,13 @@ impl<'a> Planned<'a> {
             air: omnidrones::dynamics::Disturbance::none(),
             margin: -1.0,
         };
-        let flight = Flight { log: self.log.clone(), states: self.states.clone(), diverged_at: None, smoothest };
+        let flight = Flight {
+            log: self.log.clone(),
+            states: self.states.clone(),
+            diverged_at: None,
+            smoothest,
+            estimates: None,
+        };
         let plan = FlightPlan {
             reference: Reference::Hover(Default::default()),
             duration: self.figures.duration,

@@ -568,3 +568,74 @@ fn what_does_not_bear_on_a_plan_about_hover_is_refused_by_name() {
         assert!(out.is_empty() && err.contains(words), "{line:?}: {err}");
     }
 }
+
+#[test]
+fn a_flight_on_estimates_tells_how_good_and_how_consistent_they_are() {
+    let folder = temporary();
+    let both = "imu:bmi088,motion_capture:optical";
+    let fly = ["fly", "hummingbird", "--duration", "4", "--sensors", both, "--estimator", "ekf"];
+    let told = json(folder.path(), &[&fly[..], &["--no-plots"]].concat());
+    let estimate = &told["estimate"];
+    let number = |key: &str| estimate[key].as_f64().expect("a number");
+    assert!((4.0..16.0).contains(&number("nees")) && number("within") > 0.8, "{estimate}");
+    assert!(number("position") < 2e-3 && number("attitude") < 2e-3, "{estimate}");
+    assert_eq!(estimate["innovations"].as_array().map(Vec::len), Some(2), "{estimate}");
+    let (page, _) = exits(0, folder.path(), &[&fly[..], &["--csv"]].concat());
+    assert!(page.contains("NEES") && page.contains("Innovations"), "{page}");
+    assert!(size(folder.path(), "out/hummingbird/estimate.csv") > 100_000);
+    assert!(size(folder.path(), "out/hummingbird/estimate.png") > 10_000);
+    std::fs::write(folder.path().join("bad.toml"), "gates = 3\n").expect("written");
+    std::fs::write(folder.path().join("none.toml"), "patience = 0\n").expect("written");
+    for (line, words) in [
+        (&["hummingbird", "--estimator", "ekf"][..], "given with --sensors"),
+        (&["hummingbird", "--sensors", both, "--estimator", "kalmann"], "Known: ekf, complementary, kalman, FILE.toml"),
+        (&["hummingbird", "--sensors", "gnss:single_point", "--estimator", "ekf"], "one imu among them"),
+        (&["payload", "--sensors", both, "--estimator", "ekf"], "one rigid vehicle"),
+        (&["hummingbird", "--sensors", both, "--estimator", "bad.toml"], "gate"),
+        (&["hummingbird", "--sensors", both, "--estimator", "none.toml"], "estimator: patience is 0"),
+    ] {
+        let (_, err) = exits(2, folder.path(), &[&["fly"], line].concat());
+        assert!(err.contains(words), "{line:?}: {err}");
+    }
+}
+
+#[test]
+fn every_estimator_flies_and_design_tells_what_it_costs_the_loop() {
+    let folder = temporary();
+    let both = ["--sensors", "imu:bmi088,motion_capture:optical"];
+    for (name, controller) in [("complementary", "cascade"), ("kalman", "lqr")] {
+        let fly =
+            ["fly", "hummingbird", "--duration", "4", "--estimator", name, "--controller", controller, "--no-plots"];
+        let told = json(folder.path(), &[&fly[..], &both].concat());
+        let estimate = &told["estimate"];
+        assert_eq!(estimate["kind"], name, "{estimate}");
+        assert!(estimate["position"].as_f64().is_some_and(|off| off < 5e-3), "{estimate}");
+        // only a filter with a covariance says how good it is
+        let is_told = name == "kalman";
+        assert_eq!((estimate["nees"].is_number(), estimate["within"].is_number()), (is_told, is_told), "{estimate}");
+        let (page, _) = exits(0, folder.path(), &[&fly[..], &both].concat());
+        assert_eq!((page.contains("NEES"), page.contains("Innovations")), (is_told, is_told), "{page}");
+    }
+    let design = |line: &[&str]| json(folder.path(), &[&["design", "hummingbird"], line, &both].concat());
+    let disks = |told: &serde_json::Value| {
+        ["all_commands", "all_commands_on_the_true_state"].map(|key| told[key]["alpha"].as_f64().expect("a number"))
+    };
+    // Doyle 1978: the filter is driven by the commands
+    let [with, without] = disks(&design(&["--controller", "lqr", "--estimator", "kalman"]));
+    assert!(with < 0.9 * without, "{with} {without}");
+    // the inertial unit feels what commands do
+    let [with, without] = disks(&design(&["--estimator", "ekf"]));
+    assert!((with / without - 1.0).abs() < 1e-6, "{with} {without}");
+    let (page, _) = exits(0, folder.path(), &[&["design", "iris", "--estimator", "kalman"], &both[..]].concat());
+    assert!(page.contains("motion_capture.attitude_x") && page.contains("on the true state"), "{page}");
+    let outside = ["--sensors", "imu:bmi088,gnss:single_point,magnetometer:pegasus"];
+    for (line, words) in [
+        (&["--sensors", both[1]][..], "given with --estimator"),
+        (&[&["--estimator", "ekf", "--controller", "indi"], &both[..]].concat(), "cascade, lqr, lqi"),
+        (&[&["--estimator", "ekf", "--wind", "1,0,0"], &both[..]].concat(), "hover in still air"),
+        (&[&["--estimator", "complementary"], &outside[..]].concat(), "righted by the accelerometer"),
+    ] {
+        let (_, err) = exits(2, folder.path(), &[&["design", "hummingbird"], line].concat());
+        assert!(err.contains(words), "{line:?}: {err}");
+    }
+}

@@ -3,6 +3,7 @@
 mod adaptation;
 mod command;
 mod control;
+mod filters;
 mod general;
 mod hostile;
 mod keeping;
