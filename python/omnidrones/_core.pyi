@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Final, SupportsFloat, SupportsIndex, final
 from typing_extensions import disjoint_base
 
-__all__ = ["__version__", "Adjoint", "Allocation", "AllocationFunction", "Controller", "Design", "Figure", "Flight", "Jacobian", "Loop", "Mpc", "OptimalTrajectory", "Policy", "Progress", "Regulator", "Run", "StageQpSolution", "StateSpace", "Sweep", "System", "Tape", "Trim", "VecEnv", "Vehicle", "_evaluation", "_fly_shard", "_restore", "_restore_policy", "allocate", "configurations", "design", "evaluate", "fly", "linearise", "load_policy", "lqr", "optimise", "plot", "recipes", "solve_stage_qp", "tasks", "train", "tune", "vehicles"]
+__all__ = ["__version__", "Adjoint", "Allocation", "AllocationFunction", "Controller", "Design", "Estimates", "Figure", "Flight", "Jacobian", "KalmanFilter", "Loop", "Mpc", "OptimalTrajectory", "Policy", "Progress", "Regulator", "Run", "StageQpSolution", "StateEstimator", "StateEstimatorBatch", "StateSpace", "SteadyKalman", "Sweep", "System", "Tape", "Trim", "VecEnv", "Vehicle", "_evaluation", "_fly_shard", "_restore", "_restore_policy", "allocate", "configurations", "design", "evaluate", "fly", "linearise", "load_policy", "lqg", "lqr", "optimise", "plot", "recipes", "solve_stage_qp", "steady_kalman", "tasks", "train", "tune", "vehicles"]
 
 __version__: Final[str]
 
@@ -145,6 +145,91 @@ class Design:
         """
 
 @final
+class Estimates:
+    """
+    What a filter made of readings, sample by sample.
+    """
+    def __len__(self, /) -> int:
+        """
+        Samples.
+        """
+    def __repr__(self, /) -> str: ...
+    @property
+    def angular_velocity(self, /) -> Any | None:
+        """
+        rad/s, body axes, float64 [sample, 3]; None of a flight.
+        """
+    @property
+    def attitude(self, /) -> Any:
+        """
+        Body to world, [w, x, y, z], float64 [sample, 4].
+        """
+    @property
+    def bias_deviations(self, /) -> dict | None:
+        """
+        Their standard deviations, likewise.
+        """
+    @property
+    def biases(self, /) -> dict | None:
+        """
+        Biases of sensors, float64 arrays [sample] by name; None of a flight.
+        """
+    @property
+    def deviations(self, /) -> Any | None:
+        """
+        Standard deviations of position (m), velocity (m/s) and attitude (rad, about the axes of the inertial unit), float64 [sample, 9];
+        None of an estimator that does not know how good it is.
+        """
+    @property
+    def errors(self, /) -> Any | None:
+        """
+        By how much the truth differs: position, velocity, attitude as in `deviations`, float64 [sample, 9]; None where `run` was told no
+        truth, and of a flight.
+        """
+    @property
+    def nees(self, /) -> float | None:
+        """
+        Mean of the squared errors (NEES): 9 where the filter is consistent; None without a truth or deviations, as the next one.
+        """
+    @property
+    def position(self, /) -> Any:
+        """
+        m, world, float64 [sample, 3].
+        """
+    @property
+    def records(self, /) -> list:
+        """
+        How readings agreed with what was expected, sensor by sensor and quantity by quantity: a dict of "name", "n" (readings that came),
+        of those "left_out" (beyond the gate) and "lost" (no numbers, or not valid), "believed_again" (after its patience) and "mean" (squared
+        innovation per number of those taken in: 1 where all is consistent).
+        """
+    @property
+    def rms(self, /) -> dict | None:
+        """
+        Root mean square errors by name: "position" (m), "velocity" (m/s), "attitude" (rad); None without a truth.
+        """
+    @property
+    def saturated(self, /) -> int:
+        """
+        Samples of the inertial unit at a limit, or no numbers.
+        """
+    @property
+    def share_within(self, /) -> float | None:
+        """
+        Share of samples whose squared error is within the 95 % bounds of chi-squared, 2.70 to 19.02.
+        """
+    @property
+    def squared_errors(self, /) -> Any | None:
+        """
+        e' P^-1 e over these nine numbers, float64 [sample]: chi-squared with nine degrees of freedom where the filter is consistent.
+        """
+    @property
+    def velocity(self, /) -> Any:
+        """
+        m/s, world, float64 [sample, 3].
+        """
+
+@final
 class Figure:
     """
     A figure: a notebook shows it, `save` writes it.
@@ -183,6 +268,11 @@ class Flight:
         When the state exploded, s; None for a whole flight.
         """
     @property
+    def estimates(self, /) -> Estimates | None:
+        """
+        What the estimator made of the sensors, a row per sample; None for a flight on the true state.
+        """
+    @property
     def lowest(self, /) -> float:
         """
         Least height of the lowest point of all bodies and rotors above the ground, m.
@@ -196,6 +286,15 @@ class Flight:
     def plot(self, /, what: str = "overview", *, after: SupportsFloat | SupportsIndex = 2.0) -> Figure:
         """
         A figure of it: "overview", "path", "error", "rotors", "attitude" or "rates"; the first `after` seconds are left out of the RMSE.
+        """
+    @property
+    def reading_names(self, /) -> list[str]:
+        """
+        Names of these readings with units.
+        """
+    def readings(self, /) -> Any:
+        """
+        What sensors read but for cameras and lidars, a new float64 array [sample, reading], as `reading_names` says.
         """
     def states(self, /) -> Any:
         """
@@ -236,6 +335,66 @@ class Jacobian:
     def value(self, /) -> Any:
         """
         What came out of it, [result].
+        """
+
+@final
+class KalmanFilter:
+    """
+    A Kalman filter of a linear model that may differ from step to step: `predict`, then `correct` with what was measured.
+
+    Parameters
+    ----------
+    state : array [state]
+        Where it begins, float64.
+    covariance : array [state, state]
+        How well that is known, float64, symmetric, positive semi-definite.
+    """
+    def __new__(cls, /, state: Any, covariance: Any) -> KalmanFilter: ...
+    def __repr__(self, /) -> str: ...
+    def correct(self, /, y: Any, C: Any, V: Any, *, D: Any | None = None, u: Any | None = None) -> dict:
+        """
+        Takes in a measurement y = C x + D u + v. What it told is returned by name: "value" (y less what was expected, float64 [output]),
+        its "covariance" S, and "squared", value' S^-1 value: chi-squared with as many degrees of freedom as outputs where the model is
+        right.
+
+        Parameters
+        ----------
+        y : array [output]
+        C : array [output, state]
+        V : array [output, output]
+            Covariance of v.
+        D : array [output, input], optional
+        u : array [input], optional
+
+        All are float64; D and u are given together. A measurement that is refused leaves the filter as it was.
+        """
+    @property
+    def covariance(self, /) -> Any:
+        """
+        P, a new float64 array [state, state].
+        """
+    def predict(self, /, A: Any, W: Any, *, B: Any | None = None, u: Any | None = None) -> None:
+        """
+        A step further: x+ = A x + B u + w.
+
+        Parameters
+        ----------
+        A : array [state, state]
+        W : array [state, state]
+            Covariance of w.
+        B : array [state, input], optional
+        u : array [input], optional
+
+        All are float64; B and u are given together.
+        """
+    def squared_error(self, /, truth: Any) -> float:
+        """
+        e' P^-1 e of a true state, float64 [state] (NEES): chi-squared with as many degrees of freedom where the filter is consistent.
+        """
+    @property
+    def state(self, /) -> Any:
+        """
+        What is estimated, a new float64 array [state].
         """
 
 @final
@@ -659,6 +818,237 @@ class StageQpSolution:
         """
 
 @final
+class StateEstimator:
+    """
+    A Kalman filter of what a vehicle's sensors read: its motion and the biases of the sensors, with how well they are known. Readings may
+    come late; those that disagree are left out.
+
+    Parameters
+    ----------
+    sensors : str or list of dict or path
+        An inertial unit and what aids it: a text as "imu:bmi088,motion_capture:optical", a list of the tables that `fly` and environments
+        take, or a TOML file of `[[sensor]]` tables.
+    dt : float
+        Between two calls of `step`, s.
+    gravity : float
+        m/s^2, along -z.
+    **settings
+        Standard deviations at the beginning, `position=0.1` (m), `velocity=0.1` (m/s), `attitude=0.02` (rad); `gate=30.0`, the largest
+        squared innovation per number that is taken in; `patience=1.0`, how long a sensor is left out before it is believed again, s;
+        `beyond_accelerometer=50.0` (m/s^2) and `beyond_gyroscope=10.0` (rad/s), what a unit at its limit may miss.
+    """
+    def __new__(cls, sensors: Any, /, dt: SupportsFloat | SupportsIndex, *, gravity: SupportsFloat | SupportsIndex = 9.81, **settings) -> StateEstimator: ...
+    def __repr__(self, /) -> str: ...
+    @property
+    def angular_velocity(self, /) -> Any:
+        """
+        rad/s, body axes, [3].
+        """
+    @property
+    def attitude(self, /) -> Any:
+        """
+        Body to world, [w, x, y, z].
+        """
+    def begin(self, /, position: Any | None = None, velocity: Any | None = None, attitude: Any | None = None, angular_velocity: Any | None = None) -> None:
+        """
+        Begins a flight where the body is known to be, to the deviations of the settings; at rest at the origin by default.
+
+        Parameters
+        ----------
+        position, velocity : three floats, optional
+            m and m/s, world.
+        attitude : four floats, optional
+            Unit quaternion [w, x, y, z], body to world.
+        angular_velocity : three floats, optional
+            rad/s, body axes.
+        """
+    @property
+    def biases(self, /) -> dict:
+        """
+        Biases of the sensors by name, in their units: of the accelerometer m/s^2, of the gyroscope rad/s.
+        """
+    @property
+    def covariance(self, /) -> Any:
+        """
+        P, float64 [error, error], as `error_names` says: attitude errors are about the axes of the inertial unit.
+        """
+    @property
+    def deviations(self, /) -> Any:
+        """
+        Standard deviations, the roots of the diagonal of P, float64 [error].
+        """
+    @property
+    def error_names(self, /) -> list[str]:
+        """
+        Names of the rows of P, with units where they are not the sensor's.
+        """
+    @property
+    def position(self, /) -> Any:
+        """
+        m, world, a new float64 array [3], as all that follow.
+        """
+    @property
+    def reading_names(self, /) -> list[str]:
+        """
+        Names of the readings of a step with units, as `Flight.columns` has them.
+        """
+    @property
+    def records(self, /) -> list:
+        """
+        How readings agreed with what was expected since the flight began, sensor by sensor: as `Estimates.records`.
+        """
+    def run(self, readings: Any, /, *, truth: Any | None = None) -> Estimates:
+        """
+        Goes on over a recorded flight: as many calls of `step`, with what was estimated behind each.
+
+        Parameters
+        ----------
+        readings : array
+            float64 [sample, reading], a row every `dt`.
+        truth : array, optional
+            float64 [sample, >= 13], as `Flight.states` gives it: position, velocity, attitude, angular velocity (body axes). With it the
+            estimates have `errors`, `rms`, `nees` and `share_within`.
+        """
+    @property
+    def saturated(self, /) -> int:
+        """
+        Samples of the inertial unit at a limit, or no numbers.
+        """
+    def squared_error(self, /, position: Any, velocity: Any, attitude: Any, angular_velocity: Any | None = None) -> float:
+        """
+        e' P^-1 e of what is estimated (NEES) where the body is in truth there, arguments as of `begin`: chi-squared with nine degrees of
+        freedom where the estimate is consistent.
+        """
+    def step(self, /, readings: Any) -> None:
+        """
+        Takes in what is new among the readings of a step, float64 [reading], as `reading_names` says. What is held is not taken twice;
+        numbers that are none count as lost.
+        """
+    @property
+    def velocity(self, /) -> Any:
+        """
+        m/s, world, [3].
+        """
+
+@final
+class StateEstimatorBatch:
+    """
+    Many filters of the same sensors side by side, each of a body of its own, as environments show estimates.
+
+    Where readings come late, a filter stands `late` steps behind the present, where all of a sample is known; what it estimates of the
+    present goes on from there by the inertial unit. Where none do, each is a `StateEstimator`.
+
+    Parameters
+    ----------
+    sensors : str or list of dict or path
+        As `StateEstimator` takes them.
+    n : int
+        How many.
+    dt : float
+        Between two calls of `step`, s.
+    gravity : float
+        m/s^2, along -z.
+    **settings
+        As of `StateEstimator`.
+    """
+    def __len__(self, /) -> int:
+        """
+        Filters.
+        """
+    def __new__(cls, sensors: Any, /, n: SupportsIndex, dt: SupportsFloat | SupportsIndex, *, gravity: SupportsFloat | SupportsIndex = 9.81, **settings) -> StateEstimatorBatch: ...
+    def __repr__(self, /) -> str: ...
+    @property
+    def angular_velocity(self, /) -> Any:
+        """
+        rad/s, body axes, [n, 3].
+        """
+    @property
+    def attitude(self, /) -> Any:
+        """
+        Body to world, [w, x, y, z], [n, 4].
+        """
+    def begin(self, /, position: Any | None = None, velocity: Any | None = None, attitude: Any | None = None, angular_velocity: Any | None = None, *, mask: Any | None = None) -> None:
+        """
+        Begins where the bodies are known to be, to the deviations of the settings; at rest at the origin by default.
+
+        Parameters
+        ----------
+        position, velocity : array, optional
+            float64 [n, 3], m and m/s, world.
+        attitude : array, optional
+            float64 [n, 4], unit quaternions [w, x, y, z], body to world.
+        angular_velocity : array, optional
+            float64 [n, 3], rad/s, body axes.
+        mask : array, optional
+            bool [n]: those that begin; all by default. Numbers of the others are not looked at.
+        """
+    @property
+    def biases(self, /) -> dict:
+        """
+        Biases of the sensors by name, float64 arrays [n], `late` steps ago.
+        """
+    @property
+    def covariance(self, /) -> Any:
+        """
+        P of every filter, float64 [n, error, error], as `error_names` says, `late` steps ago.
+        """
+    @property
+    def deviations(self, /) -> Any:
+        """
+        Standard deviations, float64 [n, error], `late` steps ago.
+        """
+    @property
+    def error_names(self, /) -> list[str]:
+        """
+        Names of the rows of P, with units where they are not the sensor's.
+        """
+    @property
+    def late(self, /) -> int:
+        """
+        Steps that the filters stand behind: the largest latency of the sensors.
+        """
+    @property
+    def position(self, /) -> Any:
+        """
+        m, world, at present, a new float64 array [n, 3], as all that follow.
+        """
+    @property
+    def reading_names(self, /) -> list[str]:
+        """
+        Names of the readings of a step with units, as `Flight.columns` has them.
+        """
+    @property
+    def records(self, /) -> list:
+        """
+        How readings of all bodies agreed with what was expected, sensor by sensor: as `Estimates.records`.
+        """
+    @property
+    def saturated(self, /) -> int:
+        """
+        Samples of inertial units at a limit, or no numbers.
+        """
+    def squared_error(self, /, position: Any, velocity: Any, attitude: Any, angular_velocity: Any | None = None) -> Any:
+        """
+        e' P^-1 e (NEES) of every filter, float64 [n], where the bodies in truth were there `late` steps ago; arguments as of `begin`.
+        """
+    def step(self, /, readings: Any, mask: Any | None = None) -> None:
+        """
+        Takes in what the sensors of every body read in a step.
+
+        Parameters
+        ----------
+        readings : array
+            float64 [n, reading], as `reading_names` says.
+        mask : array, optional
+            bool [n]: those that go on; all by default.
+        """
+    @property
+    def velocity(self, /) -> Any:
+        """
+        m/s, world, [n, 3].
+        """
+
+@final
 class StateSpace:
     """
     A linear system with named signals: x+ = A x + B u of every sample, or dx/dt where `dt` is None; y = C x + D u.
@@ -682,6 +1072,26 @@ class StateSpace:
     def D(self, /) -> Any:
         """
         float64 [output, input].
+        """
+    def __new__(cls, /, A: Any, B: Any | None = None, C: Any | None = None, D: Any | None = None, *, dt: SupportsFloat | SupportsIndex | None = None, states: SupportsGetItem[int, str] | None = None, inputs: SupportsGetItem[int, str] | None = None, outputs: SupportsGetItem[int, str] | None = None) -> StateSpace:
+        """
+        A system of one's own.
+
+        Parameters
+        ----------
+        A : array [state, state]
+        B : array [state, input], optional
+            One input that moves nothing by default.
+        C : array [output, state], optional
+            All states by default.
+        D : array [output, input], optional
+            Zeros by default.
+        dt : float, optional
+            Of a sample, s; dx/dt without it.
+        states, inputs, outputs : list of str, optional
+            Names, with units behind them in brackets.
+
+        Arrays are float64.
         """
     def __repr__(self, /) -> str: ...
     def continuous(self, /) -> StateSpace:
@@ -723,6 +1133,38 @@ class StateSpace:
     def unreachable(self, /) -> list[str]:
         """
         Combinations of states that no input moves, by their names; none where inputs reach them all.
+        """
+
+@final
+class SteadyKalman:
+    """
+    The filter that a Kalman filter of a model that does not change comes to.
+    """
+    def __repr__(self, /) -> str: ...
+    @property
+    def corrected(self, /) -> Any:
+        """
+        P once it is, likewise.
+        """
+    @property
+    def covariance(self, /) -> Any:
+        """
+        P before a measurement is known, float64 [state, state]; for dx/dt the only one.
+        """
+    @property
+    def gain(self, /) -> Any:
+        """
+        L, float64 [state, output]: of x = xp + L (y - C xp) for a sampled model, of dx/dt = A x + B u + L (y - C x) for dx/dt.
+        """
+    @property
+    def poles(self, /) -> Any:
+        """
+        Poles of the error, complex128 [state], largest first: of A - A L C, for dx/dt of A - L C.
+        """
+    @property
+    def residual(self, /) -> float:
+        """
+        Of the Riccati equation, relative.
         """
 
 @final
@@ -1158,11 +1600,6 @@ class Vehicle:
         """
         As in tables and messages.
         """
-    @property
-    def warnings(self, /) -> list[str]:
-        """
-        What of its numbers is probably not meant: other units, an inertia that nobody gave, rotors that do not push up.
-        """
     def to_dict(self, /) -> dict:
         """
         All its numbers by the names of its file, SI units.
@@ -1170,6 +1607,11 @@ class Vehicle:
     def to_toml(self, /) -> str:
         """
         As TOML that `Vehicle` reads back bit for bit.
+        """
+    @property
+    def warnings(self, /) -> list[str]:
+        """
+        What of its numbers is probably not meant: other units, an inertia that nobody gave, rotors that do not push up.
         """
 
 def _evaluation(shards: SupportsGetItem[int, tuple[Any, Any, Any, Any, Any]], policy: Any, name: str | None = None, *, config: Any | None = None, **settings) -> dict:
@@ -1251,7 +1693,7 @@ def evaluate(policy: Any, name: str | None = None, *, num_envs: SupportsIndex = 
         Of the environments, as in `make`.
     """
 
-def fly(plant: Any, /, *, controller: str | None = None, gains: Mapping | None = None, **plan) -> Flight:
+def fly(plant: Any, /, *, controller: str | None = None, gains: Mapping | None = None, sensors: Any | None = None, estimator: Any | None = None, **plan) -> Flight:
     """
     Flies a vehicle or a configuration along a reference under a controller.
 
@@ -1263,9 +1705,16 @@ def fly(plant: Any, /, *, controller: str | None = None, gains: Mapping | None =
         As "indi"; the first that suits the plant by default.
     gains : dict, optional
         As `Vehicle.gains`.
+    sensors : str or list of dict or path, optional
+        What reads along: a text as "imu:bmi088,motion_capture:optical", a list of tables, or a TOML file of `[[sensor]]` tables.
+    estimator : str or dict, optional
+        What makes a state of these readings, which the controller is given in place of the truth: "ekf" (a `StateEstimator`),
+        "complementary" (fixed gains) or "kalman" (a steady filter about hover, driven by commands); or a dict of settings, with "kind"
+        beside them, by default those of `StateEstimator`.
     **plan
         `duration=15.0` (s), `reference={"kind": "circle", ...}`, `physics={"dt": 0.002}`, `rates`, `wind`, `failures`, `latency` (steps),
-        `detection_delay` (s), `seed`, `tilt`: the fields of a flight plan.
+        `detection_delay` (s), `seed`, `tilt`, `filters=[{"kind": "low_pass", "frequency": 80.0}]` (of the measured angular velocity): the
+        fields of a flight plan.
     """
 
 def linearise(plant: Any, /, *, velocity: SupportsLenAndGetItem[SupportsFloat | SupportsIndex] = ..., yaw_rate: SupportsFloat | SupportsIndex = 0.0, roll: SupportsFloat | SupportsIndex | None = None, pitch: SupportsFloat | SupportsIndex | None = None, wind: SupportsLenAndGetItem[SupportsFloat | SupportsIndex] | None = None, fail: dict | None = None, **physics) -> Trim:
@@ -1296,6 +1745,20 @@ def load_policy(path: str | PathLike[str]) -> Policy:
     The policy of a run's folder, or of one of its checkpoints.
 
     Raises `FileNotFoundError` where there is none, `ValueError` for damaged files.
+    """
+
+def lqg(model: StateSpace, kalman: SteadyKalman, gain: Any, /) -> StateSpace:
+    """
+    The controller from y to u that feeds back what a steady filter estimates, u = -K x: least quadratic cost under white noise (LQG).
+    Close the loop with positive sign, the minus is inside. Of a sampled model the measurement of a sample counts in its command.
+
+    Parameters
+    ----------
+    model : StateSpace
+        That of the filter.
+    kalman : SteadyKalman
+    gain : Regulator or array [input, state]
+        As `lqr` gives it.
     """
 
 def lqr(model: StateSpace, Q: Any, R: Any, /) -> Regulator:
@@ -1379,6 +1842,22 @@ def solve_stage_qp(A: Any, B: Any, c: Any | None, Q: Any, S: Any | None, R: Any,
 
     All arrays are float64; None stands for zeros, or for no bounds. Raises `ValueError` with the stage where the cost is not convex in the
     inputs.
+    """
+
+def steady_kalman(model: StateSpace, W: Any, V: Any, /) -> SteadyKalman:
+    """
+    The steady Kalman filter of a model x+ = A x + B u + w, y = C x + D u + v with white noise: by the Riccati equation of its error.
+
+    Parameters
+    ----------
+    model : StateSpace
+        As `linearise` gives it, or `StateSpace(A, B, C, dt=dt)`: what C shows is measured.
+    W : array [state, state]
+        Covariance of w, float64; for dx/dt a density.
+    V : array [output, output]
+        Covariance of v, float64, positive definite; for dx/dt a density.
+
+    Raises `ValueError` that names the states where something that does not decay is seen by no output, or moved by no noise.
     """
 
 def tasks() -> list[str]:

@@ -1,7 +1,8 @@
 //! Vehicles, flights and linear models, from Python.
 
-use crate::arrays::array;
+use crate::arrays::{self, array, lengths, slice};
 use crate::error::{OrRaise, interruptible, unexpected};
+use crate::estimation::{Estimates, estimator, sensors};
 use crate::figure::Figure;
 use crate::settings;
 use nalgebra::DMatrix;
@@ -199,6 +200,7 @@ pub struct Flight {
     flight: controllers::Flight,
     n_state: usize,
     judgement: FlightCheck,
+    estimates: Option<Py<Estimates>>,
 }
 
 #[pymethods]
@@ -261,6 +263,24 @@ impl Flight {
         self.judgement.lowest
     }
 
+    /// What the estimator made of the sensors, a row per sample; None for a flight on the true state.
+    #[getter]
+    fn estimates(&self, py: Python<'_>) -> Option<Py<Estimates>> {
+        self.estimates.as_ref().map(|own| own.clone_ref(py))
+    }
+
+    /// What sensors read but for cameras and lidars, a new float64 array [sample, reading], as `reading_names` says.
+    fn readings<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let log = &self.flight.log;
+        array(py, log.sensor_readings.clone(), &[log.len(), log.sensor_channels.len()])
+    }
+
+    /// Names of these readings with units.
+    #[getter]
+    fn reading_names(&self) -> Vec<String> {
+        self.flight.log.sensor_channels.iter().map(|own| format!("{} [{}]", own.name, own.unit)).collect()
+    }
+
     /// Samples.
     fn __len__(&self) -> usize {
         self.flight.log.len()
@@ -287,24 +307,35 @@ impl Flight {
 ///     As "indi"; the first that suits the plant by default.
 /// gains : dict, optional
 ///     As `Vehicle.gains`.
+/// sensors : str or list of dict or path, optional
+///     What reads along: a text as "imu:bmi088,motion_capture:optical", a list of tables, or a TOML file of `[[sensor]]` tables.
+/// estimator : str or dict, optional
+///     What makes a state of these readings, which the controller is given in place of the truth: "ekf" (a `StateEstimator`),
+///     "complementary" (fixed gains) or "kalman" (a steady filter about hover, driven by commands); or a dict of settings, with "kind"
+///     beside them, by default those of `StateEstimator`.
 /// **plan
 ///     `duration=15.0` (s), `reference={"kind": "circle", ...}`, `physics={"dt": 0.002}`, `rates`, `wind`, `failures`, `latency` (steps),
-///     `detection_delay` (s), `seed`, `tilt`: the fields of a flight plan.
+///     `detection_delay` (s), `seed`, `tilt`, `filters=[{"kind": "low_pass", "frequency": 80.0}]` (of the measured angular velocity): the
+///     fields of a flight plan.
 #[pyfunction]
-#[pyo3(signature = (plant, /, *, controller=None, gains=None, **plan))]
+#[pyo3(signature = (plant, /, *, controller=None, gains=None, sensors=None, estimator=None, **plan))]
 pub fn fly(
     py: Python<'_>,
     plant: &Bound<'_, PyAny>,
     controller: Option<&str>,
     gains: Option<&Bound<'_, PyMapping>>,
+    sensors: Option<&Bound<'_, PyAny>>,
+    estimator: Option<&Bound<'_, PyAny>>,
     plan: Option<&Bound<'_, PyDict>>,
 ) -> PyResult<Flight> {
-    let plan: FlightPlan = data("plan", plan)?;
+    let mut plan: FlightPlan = data("plan", plan)?;
+    plan.sensors = sensors.map(self::sensors).transpose()?.unwrap_or_default();
+    plan.estimator = estimator.map(self::estimator).transpose()?;
     let plant = self::plant(plant, plan.air_physics())?;
     let gains = gains_of(gains)?;
     let named = controller;
     let (flight, judgement) = interruptible(py, |said| {
-        let setup = Setup::new(gains.as_ref(), &plan.rates);
+        let setup = Setup { filters: &plan.filters, ..Setup::new(gains.as_ref(), &plan.rates) };
         let mut own = match named {
             Some(name) => self::controller(name, &plant, &setup)?,
             None => default_controller(&plant, &setup)?,
@@ -313,7 +344,8 @@ pub fn fly(
         let judgement = check_flight(&plant, &flight, true)?;
         Ok((flight, judgement))
     })?;
-    Ok(Flight { flight, n_state: omnidrones::autodiff::System::n_state(&plant), judgement })
+    let estimates = flight.estimates.as_ref().map(|own| Py::new(py, Estimates::of_flight(py, own)?)).transpose()?;
+    Ok(Flight { flight, n_state: omnidrones::autodiff::System::n_state(&plant), judgement, estimates })
 }
 
 /// A linear system with named signals: x+ = A x + B u of every sample, or dx/dt where `dt` is None; y = C x + D u.
@@ -336,9 +368,68 @@ fn names(signals: &[Signal]) -> Vec<String> {
     signals.iter().map(told).collect()
 }
 
+/// A matrix of any size.
+fn given(name: &str, own: &Bound<'_, PyAny>) -> PyResult<DMatrix<f64>> {
+    let [n, m] = lengths(name, own)?;
+    Ok(DMatrix::from_row_slice(n, m, slice(&arrays::read::<f64>(name, own, &[n, m])?)?))
+}
+
+/// Signals of names as `names` tells them.
+fn signals(letter: &str, names: Option<Vec<String>>, n: usize) -> Vec<Signal> {
+    let one = |name: &String| match name.strip_suffix(']').and_then(|name| name.rsplit_once(" [")) {
+        Some((name, unit)) => Signal::new(name, unit),
+        None => Signal::new(name, ""),
+    };
+    names.map_or_else(|| Signal::numbered(letter, n), |names| names.iter().map(one).collect())
+}
+
 #[pymethods]
 #[expect(non_snake_case, reason = "as control engineers write them")]
 impl StateSpace {
+    /// A system of one's own.
+    ///
+    /// Parameters
+    /// ----------
+    /// A : array [state, state]
+    /// B : array [state, input], optional
+    ///     One input that moves nothing by default.
+    /// C : array [output, state], optional
+    ///     All states by default.
+    /// D : array [output, input], optional
+    ///     Zeros by default.
+    /// dt : float, optional
+    ///     Of a sample, s; dx/dt without it.
+    /// states, inputs, outputs : list of str, optional
+    ///     Names, with units behind them in brackets.
+    ///
+    /// Arrays are float64.
+    #[new]
+    #[pyo3(signature = (A, B=None, C=None, D=None, *, dt=None, states=None, inputs=None, outputs=None))]
+    #[expect(clippy::too_many_arguments, reason = "by name in Python")]
+    fn new(
+        A: &Bound<'_, PyAny>,
+        B: Option<&Bound<'_, PyAny>>,
+        C: Option<&Bound<'_, PyAny>>,
+        D: Option<&Bound<'_, PyAny>>,
+        dt: Option<f64>,
+        states: Option<Vec<String>>,
+        inputs: Option<Vec<String>>,
+        outputs: Option<Vec<String>>,
+    ) -> PyResult<Self> {
+        let a = self::given("A", A)?;
+        let n = a.nrows();
+        if n == 0 {
+            return Err(Error::value("size of A", "0 × 0", "1 × 1 or more", "Give a state.")).or_raise();
+        }
+        let b = B.map_or_else(|| Ok(DMatrix::zeros(n, 1)), |own| self::given("B", own))?;
+        let c = C.map_or_else(|| Ok(DMatrix::identity(n, n)), |own| self::given("C", own))?;
+        let d = D.map_or_else(|| Ok(DMatrix::zeros(c.nrows(), b.ncols())), |own| self::given("D", own))?;
+        let own = linear::StateSpace::new(a, b, c, d, dt).or_raise()?;
+        let (m, p) = (own.n_input(), own.n_output());
+        let named = own.named(signals("x", states, n), signals("u", inputs, m), signals("y", outputs, p));
+        Ok(Self(named.or_raise()?))
+    }
+
     /// float64 [state, state].
     #[getter]
     fn A<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {

@@ -162,7 +162,7 @@ pub fn complex<'py>(py: Python<'py>, numbers: Vec<Complex<f64>>) -> PyResult<Bou
 #[pyclass(module = "omnidrones", frozen, get_all)]
 pub struct Regulator {
     /// K, float64 [input, state].
-    gain: Py<PyAny>,
+    pub gain: Py<PyAny>,
     /// X, float64 [state, state]: x' X x is the cost from x on.
     cost: Py<PyAny>,
     /// Eigenvalues of A - B K, complex128 [state], largest first.

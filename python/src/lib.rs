@@ -11,6 +11,7 @@
 //! | `learn` | training, evaluation, policies |
 //! | `design` | margins of the loop that flies, feedback of least cost |
 //! | `optimal` | trajectories of least cost, model predictive control, programs of linked stages |
+//! | `estimation` | filters of what sensors read, Kalman filters |
 //! | `figure` | the library's plots, for notebooks |
 //! | `control` | vehicles, flights, linear models, allocation, tuning |
 //!
@@ -22,6 +23,7 @@ mod batch;
 mod control;
 mod design;
 mod error;
+mod estimation;
 mod figure;
 mod gradient;
 mod learn;
@@ -44,6 +46,10 @@ mod _core {
     };
     #[pymodule_export]
     use super::design::{Design, Regulator, design, lqr};
+    #[pymodule_export]
+    use super::estimation::{
+        Estimates, KalmanFilter, StateEstimator, StateEstimatorBatch, SteadyKalman, lqg, steady_kalman,
+    };
     #[pymodule_export]
     use super::figure::{Figure, plot_curves};
     #[pymodule_export]

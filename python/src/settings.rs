@@ -152,7 +152,11 @@ pub fn layers(
             }
             continue;
         }
-        let Some(value) = value(&key, &given)? else { continue };
+        let Some(mut value) = value(&key, &given)? else { continue };
+        if key == "sensor" && value.is_str() {
+            // as `fly` takes them
+            value = Value::try_from(crate::estimation::sensors(&given)?).map_err(crate::error::unexpected)?;
+        }
         if known.contains(&key) || foreign.contains(&key) {
             layers::merge(&mut own, layers::at(&key, value));
             continue;

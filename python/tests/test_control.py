@@ -57,6 +57,19 @@ def test_a_flight_is_columns_with_units_and_key_figures(tmp_path):
             omnidrones.fly("hummingbird", **wrong)
 
 
+def test_filters_of_a_flight_are_those_of_its_controller():
+    slow = omnidrones.fly("hummingbird", duration=0.5, filters=[{"kind": "low_pass", "frequency": 20.0}])
+    assert slow.diverged_at is None
+    assert not np.array_equal(slow.states(), omnidrones.fly("hummingbird", duration=0.5).states())
+    for wrong, words in [
+        ({"filters": [{"kind": "low_pas", "frequency": 20.0}]}, "low_pass"),
+        ({"filters": [{"kind": "low_pass", "frequency": -1.0}]}, "frequency"),
+        ({"filters": [{"kind": "low_pass", "frequency": 20.0}], "controller": "lqr"}, "filters"),
+    ]:
+        with pytest.raises(ValueError, match=words):
+            omnidrones.fly("hummingbird", duration=0.1, **wrong)
+
+
 def test_a_linear_model_steps_as_the_plant_and_converts():
     trim = omnidrones.linearise("hummingbird", velocity=[5.0, 0.0, 1.0])
     model = trim.model
