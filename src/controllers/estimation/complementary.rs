@@ -27,7 +27,7 @@
 
 use super::aiding::AidKind;
 use super::fix::{FixKind, innovation};
-use super::sensor_filter::{Schedule, SensorFilter};
+use super::sensor_filter::{SensorFilter, SensorSchedule};
 use autodiff::{Array, Scalar};
 use base::defaults::with_defaults;
 use base::error::{Error, Result};
@@ -244,7 +244,8 @@ impl ComplementaryFilter {
     pub fn new(configs: &[SensorConfig], settings: &ComplementarySettings, dt: f64, gravity: f64) -> Result<Self> {
         settings.validate()?;
         let filter = SensorFilter::new(configs, dt)?;
-        let model = |own: &Schedule| configs.iter().find(|config| config.name == own.name).map(|config| &config.model);
+        let model =
+            |own: &SensorSchedule| configs.iter().find(|config| config.name == own.name).map(|config| &config.model);
         let planned = filter.aids.iter().enumerate().filter_map(|(aid, own)| {
             let (kind, model) = (FixKind::of(&own.aid.kind)?, model(&own.schedule)?);
             let is_high = !matches!(model, SensorModel::Gnss(_));

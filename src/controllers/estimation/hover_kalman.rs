@@ -33,7 +33,7 @@ use super::fix::{FixKind, innovation};
 use super::innovations::InnovationRecord;
 use super::kalman::{corrected, steady_kalman, symmetric};
 use super::noise::{BiasProcess, white_variance};
-use super::sensor_filter::{Schedule, ScheduledAid, USUAL, aids_about_the_body};
+use super::sensor_filter::{ScheduledAid, SensorSchedule, USUAL, aids_about_the_body};
 use crate::design::{ErrorState, TrimTarget, trim};
 use crate::linear::{Signal, StateSpace};
 use crate::period::common_period;
@@ -110,7 +110,7 @@ enum Compared {
 #[derive(Debug, Clone)]
 pub(crate) struct Told {
     compared: Compared,
-    pub schedule: Schedule,
+    pub schedule: SensorSchedule,
     /// C, p × n, of the error about hover along its heading.
     pub rows: DMatrix<f64>,
     /// V, p × p.
@@ -592,7 +592,7 @@ fn told(configs: &[SensorConfig], dt: f64, hover: &[f64], n: usize) -> Result<Ve
             let mut rows = DMatrix::zeros(3, n);
             (0..3).for_each(|k| rows[(k, 9 + k)] = 1.0);
             // its numbers are behind those of the accelerometer
-            let schedule = Schedule { name: config.name.clone(), first: first + 3, every, latency };
+            let schedule = SensorSchedule { name: config.name.clone(), first: first + 3, every, latency };
             let variance = about(config.rotation, &variance);
             all.push((Compared::Rate(config.rotation), schedule, rows, variance));
         }

@@ -42,6 +42,6 @@ pub use kalman::{Innovation, KalmanFilter, SteadyKalman, lqg, steady_kalman};
 pub use navigation_state::{ERRORS, InertialNoise, NAVIGATION, NavigationState, predict};
 pub use noise::BiasProcess;
 pub(crate) use noise::white_variance;
-pub use sensor_filter::{Schedule, ScheduledAid, SensorFilter};
+pub use sensor_filter::{ScheduledAid, SensorFilter, SensorSchedule};
 pub use state_estimator::{StateEstimator, StateEstimatorSettings};
 pub use state_estimator_batch::StateEstimatorBatch;

@@ -13,7 +13,7 @@ use nalgebra::{SMatrix, SVector};
 
 /// Where a sensor's readings are among those of all, and when they come.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Schedule {
+pub struct SensorSchedule {
     /// Its name.
     pub name: String,
     /// First of its numbers among all readings.
@@ -24,7 +24,7 @@ pub struct Schedule {
     pub latency: u64,
 }
 
-impl Schedule {
+impl SensorSchedule {
     /// The step in which that was sampled which is read for the first time in this one, where there is such.
     pub fn sampled(&self, step: u64) -> Option<u64> {
         if step == 0 {
@@ -41,7 +41,7 @@ pub struct ScheduledAid {
     /// How the filter sees it; a sensor of several kinds of numbers is several of them.
     pub aid: Aid,
     /// When its readings come.
-    pub schedule: Schedule,
+    pub schedule: SensorSchedule,
     /// Offset of a number behind its own that is 0 where a sample was lost, where it has one.
     pub valid: Option<usize>,
 }
@@ -50,7 +50,7 @@ pub struct ScheduledAid {
 #[derive(Debug, Clone, PartialEq)]
 pub struct SensorFilter {
     /// Of the inertial unit.
-    pub inertial: Schedule,
+    pub inertial: SensorSchedule,
     /// r and M of the unit on its body.
     pub mount: (Vec3<f64>, Quat<f64>),
     /// Per sample of it.
@@ -107,7 +107,7 @@ impl SensorFilter {
         let mut placed = Vec::new();
         for config in configs {
             let (every, latency) = (config.steps_between(dt)?, config.steps_late(dt)?);
-            placed.push((config, Schedule { name: config.name.clone(), first, every, latency }));
+            placed.push((config, SensorSchedule { name: config.name.clone(), first, every, latency }));
             first += config.model.channels().len();
         }
         let unit = placed.iter().find_map(|(config, schedule)| match &config.model {
@@ -130,7 +130,7 @@ impl SensorFilter {
                     let rule = format!("on the body of '{}'", own.name);
                     return Err(Error::value(config.place(), format!("on {on}"), rule, "Mount them on one body."));
                 }
-                let schedule = Schedule { first: schedule.first + offset, ..schedule.clone() };
+                let schedule = SensorSchedule { first: schedule.first + offset, ..schedule.clone() };
                 aids.push(ScheduledAid { aid, schedule, valid });
             }
         }
@@ -157,7 +157,7 @@ impl SensorFilter {
     /// # Errors
     /// [`Error::Value`] and [`Error::Limit`] that name the sensor.
     pub(super) fn check(&self, latest: u64) -> Result<()> {
-        let place = |schedule: &Schedule| format!("sensor '{}'", schedule.name);
+        let place = |schedule: &SensorSchedule| format!("sensor '{}'", schedule.name);
         if self.inertial.every != 1 {
             let (what, value) = (place(&self.inertial), format!("read every {} steps", self.inertial.every));
             let remedy = "Leave rate and every out, or take its rate for that of the steps (--dt).";
@@ -336,7 +336,7 @@ pub(super) fn aids_about_the_body(configs: &[SensorConfig], dt: f64) -> Result<(
     for config in configs {
         let (every, latency) = (config.steps_between(dt)?, config.steps_late(dt)?);
         for (aid, offset, valid) in aids_of(config, &body, every as f64 * dt, &mut biases) {
-            let schedule = Schedule { name: config.name.clone(), first: first + offset, every, latency };
+            let schedule = SensorSchedule { name: config.name.clone(), first: first + offset, every, latency };
             all.push(ScheduledAid { aid, schedule, valid });
         }
         first += config.model.channels().len();
