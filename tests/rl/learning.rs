@@ -528,15 +528,14 @@ fn hover_is_learnt_from_estimates() {
                 [[sensor]]\nname = 'imu'\nkind = 'imu'\npreset = 'bmi088'\n\
                 [[sensor]]\nname = 'cameras'\nkind = 'motion_capture'\npreset = 'optical'\nevery = 1\n";
     let env = EnvConfig::from_toml(text, "test").unwrap();
-    let config = ApgConfig { updates: 600, ..ApgConfig::default() };
-    let mut apg = Apg::new(HOVER, &env, config, 11, Threads::default()).unwrap();
+    let mut apg = Apg::new(HOVER, &env, ApgConfig::default(), 11, Threads::default()).unwrap();
     while apg.n_update() < apg.budget() {
         apg.update().unwrap();
     }
     let result = held_out(&mut apg.policy().unwrap(), HOVER, text).unwrap();
     println!("on estimates: success {:.4}, error {:.4} m", result.success, result.final_error);
-    // with the default of 1000 updates 0.998
-    assert!(result.success >= 0.97, "{}", result.success);
+    // 0.998 with seed 0
+    assert!(result.success >= 0.98, "{}", result.success);
 }
 
 #[test]
