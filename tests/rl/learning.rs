@@ -524,10 +524,10 @@ fn hover_is_learnt_from_random_weights_with_the_defaults() {
 
 #[test]
 fn hover_is_learnt_from_estimates() {
-    let text = "stagger = true\nobservation = [{ kind = 'estimate' }]\n\
+    let text = "observation = [{ kind = 'estimate' }]\n\
                 [[sensor]]\nname = 'imu'\nkind = 'imu'\npreset = 'bmi088'\n\
                 [[sensor]]\nname = 'cameras'\nkind = 'motion_capture'\npreset = 'optical'\nevery = 1\n";
-    let env = EnvConfig::from_toml(text, "test").unwrap();
+    let env = EnvConfig { stagger: true, ..EnvConfig::from_toml(text, "test").unwrap() };
     let mut apg = Apg::new(HOVER, &env, ApgConfig::default(), 11, Threads::default()).unwrap();
     while apg.n_update() < apg.budget() {
         apg.update().unwrap();
