@@ -630,8 +630,7 @@ fn every_estimator_flies_and_design_tells_what_it_costs_the_loop() {
     assert!(page.contains("motion_capture.attitude_x") && page.contains("on the true state"), "{page}");
     let outside = ["--sensors", "imu:bmi088,gnss:single_point,magnetometer:pegasus"];
     for (line, words) in [
-        (&["--sensors", both[1]][..], "given with --estimator"),
-        (&[&["--estimator", "ekf", "--controller", "indi"], &both[..]].concat(), "cascade, lqr, lqi"),
+        (&[&["--estimator", "ekf", "--controller", "indi"], &both[..]].concat()[..], "cascade, lqr, lqi"),
         (&[&["--estimator", "ekf", "--wind", "1,0,0"], &both[..]].concat(), "hover in still air"),
         (&[&["--estimator", "complementary"], &outside[..]].concat(), "righted by the accelerometer"),
     ] {
