@@ -57,7 +57,7 @@ Examples:
   omnidrones design iris --report iris.html              the report as a page, with plots
   omnidrones design hummingbird --controller mpc         of a plan in every tick: feedback, poles, margins, time
   omnidrones design payload --controller mpc             of a drone with a load
-  omnidrones design hummingbird --controller lqr --estimator kalman --sensors imu:bmi088,motion_capture:optical   of LQG
+  omnidrones design iris --sensors imu:bmi088,motion_capture:optical --estimator ekf   on estimates
 
 Margins are of the loop broken at one point while all other paths stay closed. A disk margin is a change of gain and phase \
 at once, in all commands together where it says so (Seiler, Packard and Gahinet 2020): 0.5 stands for a factor of 0.6 to 1.67 \

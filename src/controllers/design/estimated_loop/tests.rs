@@ -3,7 +3,7 @@
 use super::*;
 use crate::cascade::Rates;
 use crate::design::AnalysisPoint;
-use crate::estimation::{ComplementarySettings, lqg, steady_kalman};
+use crate::estimation::{ComplementarySettings, StateEstimatorSettings, lqg, steady_kalman};
 use crate::hover_feedback::{HoverFeedback, HoverWeights};
 use crate::law::{ControlLaw, LawController};
 use crate::linear::margins::sensitivity;
@@ -57,8 +57,14 @@ fn timed(own: &mut SensorConfig, every: u64, latency: u64) {
     (own.every, own.rate, own.latency, own.delay) = (Some(every), None, Some(latency), None);
 }
 
+/// The defaults; of one that begins off the truth so little off that it is linear.
 fn kind(name: &str) -> EstimatorSettings {
-    EstimatorSettings::by_name(name).unwrap()
+    match EstimatorSettings::by_name(name).unwrap() {
+        EstimatorSettings::Ekf(own) => {
+            EstimatorSettings::Ekf(StateEstimatorSettings { position: 1e-4, velocity: 1e-4, attitude: 1e-5, ..own })
+        }
+        other => other,
+    }
 }
 
 /// Commands of a loop as it flies, row by row, `after` steps in hover: how they answer to what `poke` does to state and outside, by
