@@ -57,7 +57,7 @@ def test_a_flight_on_estimates_has_them_with_how_good_they_were(aboard):
     assert flown(duration=0.01).estimates is None
 
 
-def test_a_recorded_flight_is_filtered_whole_to_the_bits_of_the_filter_on_board(aboard):
+def test_a_recorded_flight_is_filtered_whole_as_by_the_filter_on_board(aboard):
     states, readings = aboard.states(), aboard.readings()
     filter = omnidrones.StateEstimator(ROOM, 0.002)
     columns = aboard.columns()
@@ -65,12 +65,11 @@ def test_a_recorded_flight_is_filtered_whole_to_the_bits_of_the_filter_on_board(
     assert np.array_equal(readings, np.stack([columns[name] for name in filter.reading_names], axis=1))
     filter.begin(*motion(states[0]))
     whole = filter.run(readings, truth=states)
-    for name in ("position", "velocity", "attitude", "deviations"):
-        assert np.array_equal(getattr(whole, name), getattr(aboard.estimates, name)), name
-    # truths are made of length 1 to the last bit
-    assert whole.nees == pytest.approx(aboard.estimates.nees) == pytest.approx(whole.squared_errors.mean())
-    assert whole.rms == pytest.approx(aboard.estimates.rms)
-    assert whole.records == aboard.estimates.records == filter.records
+    # that on board began off the truth by what it believed; both forget it
+    for name, most in [("position", 1e-3), ("velocity", 1e-2), ("attitude", 1e-3), ("deviations", 1e-3)]:
+        assert np.abs(getattr(whole, name) - getattr(aboard.estimates, name))[1000:].max() < most, name
+    assert whole.nees == pytest.approx(whole.squared_errors.mean()) and 0 < aboard.estimates.nees < 20
+    assert whole.records == filter.records and [own["readings"] for own in whole.records] == [own["readings"] for own in aboard.estimates.records]
     assert whole.share_within == pytest.approx(((whole.squared_errors > 2.7004) & (whole.squared_errors < 19.0228)).mean())
     # 19 mrad/s, beside rates of 1.6 rad/s
     assert np.abs(whole.angular_velocity - states[:, 10:13])[500:].max() < 0.05
@@ -117,11 +116,11 @@ def test_settings_are_keywords_and_those_of_a_flight_a_dict():
     filter = omnidrones.StateEstimator(ROOM, 0.002, position=0.5, gate=10.0)
     assert filter.deviations[0] == 0.5
     filter.begin(*motion(flight.states()[0]))
-    assert np.array_equal(filter.run(flight.readings()).position, flight.estimates.position)
-    floating = omnidrones.StateEstimator("imu", 0.01, gravity=0.0)
+    assert np.allclose(filter.run(flight.readings()).deviations, flight.estimates.deviations, rtol=0.1)
+    floating = omnidrones.StateEstimator("imu:bmi088", 0.01, gravity=0.0)
     floating.run(np.zeros((100, 6)))
     assert np.array_equal(floating.position, np.zeros(3))
-    falling = omnidrones.StateEstimator("imu", 0.01, gravity=1.62)
+    falling = omnidrones.StateEstimator("imu:bmi088", 0.01, gravity=1.62)
     falling.run(np.zeros((101, 6)))
     assert falling.position[2] == pytest.approx(-0.5 * 1.62) and falling.velocity[2] == pytest.approx(-1.62)
 
@@ -239,7 +238,7 @@ def test_agents_see_estimates_and_learn_from_them():
     off = np.abs(truth.observation - estimate.observation)[:, 0, :3]
     # they begin off by a decimetre; 1.9 mm
     assert 0 < off.max() < 0.01
-    short = omnidrones.make("Hover", 4, sensor="imu:bmi088,barometer", observation=[{"kind": "estimate"}])
+    short = omnidrones.make("Hover", 4, sensor=[PROMPT[0], {"name": "barometer", "kind": "barometer", "preset": "px4", "every": 1}], observation=[{"kind": "estimate"}])
     assert [own["name"] for own in short.config["sensor"]] == ["imu", "barometer"]
     run = omnidrones.train(
         "Hover", sensor=PROMPT, observation=how["observation"], horizon=40, log_every=1,

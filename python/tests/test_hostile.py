@@ -185,7 +185,7 @@ def _interrupted(code):
         # straight up, for a long time
         "go(); omnidrones.evaluate(lambda x: up, 'Hover', num_envs=4096, horizon=100000, max_distance=1e6, bounds=far)",
         "omnidrones.tune('hummingbird', iterations=5000, n_held_out=1, watch=lambda k, e: go() if k == 0 else None)",
-        "readings = np.zeros((2_000_000, 6)); go(); omnidrones.StateEstimator('imu', 0.01).run(readings)",
+        "readings = np.zeros((2_000_000, 6)); go(); omnidrones.StateEstimator('imu:bmi088', 0.01).run(readings)",
     ],
 )
 def test_an_interrupt_ends_a_long_call_within_seconds(call):

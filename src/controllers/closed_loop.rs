@@ -221,13 +221,14 @@ impl<C: Controller> ClosedLoop<C> {
     /// # Errors
     /// As [`EstimatedState::new`]; [`Error::Value`] where the loop has not these sensors ([`with_sensors`](Self::with_sensors)).
     pub fn with_estimator(mut self, sensors: &[SensorConfig], settings: &EstimatorSettings) -> Result<Self> {
+        let estimate = EstimatedState::new(&self.plant, sensors, settings)?;
         let readings: usize = sensors.iter().map(|sensor| sensor.model.channels().len()).sum();
         let own = self.run.sensors.as_ref().map_or(0, |(own, _)| own.channels().len());
         if own == 0 || own != readings {
             let (value, remedy) = (format!("{own} readings"), "Give with_sensors the same list before.");
             return Err(Error::value("sensors of the loop", value, format!("{readings}, as of the estimator"), remedy));
         }
-        self.run.estimate = Some(Box::new(EstimatedState::new(&self.plant, sensors, settings)?));
+        self.run.estimate = Some(Box::new(estimate));
         self.reset();
         Ok(self)
     }
