@@ -282,7 +282,7 @@ impl Estimates {
             let rows = own.rows.chunks_exact(width).flat_map(|row| row[at..at + n].to_vec()).collect::<Vec<_>>();
             array(py, rows, &[n_row, n]).map(Bound::unbind)
         };
-        let is_judged = own.tally.n > 0 && own.has_covariance();
+        let is_judged = own.tally.n_judged > 0 && own.has_covariance();
         Ok(Self {
             position: columns(0, 3)?,
             velocity: columns(3, 3)?,
@@ -431,7 +431,7 @@ impl StateEstimator {
             }
             Ok::<_, PyErr>(dict.unbind())
         };
-        let (is_told, is_judged) = (n_truth > 0, told.tally.n > 0);
+        let (is_told, is_judged) = (n_truth > 0, told.tally.n_judged > 0);
         Ok(Estimates {
             position: part(0, 3)?,
             velocity: part(3, 3)?,
@@ -573,6 +573,7 @@ impl Run {
         let squared = own.filter().squared_error(&newest, &newest.covariance, truth).unwrap_or(f64::NAN);
         (0..9).for_each(|k| self.tally.squares[k / 3] += e[k] * e[k]);
         self.tally.n += 1;
+        self.tally.n_judged += 1;
         self.tally.normalised += squared;
         self.tally.within += u64::from((WITHIN[0]..=WITHIN[1]).contains(&squared));
         self.errors.extend(e);
