@@ -69,7 +69,7 @@ def test_a_recorded_flight_is_filtered_whole_as_by_the_filter_on_board(aboard):
     for name, most in [("position", 1e-3), ("velocity", 1e-2), ("attitude", 1e-3), ("deviations", 1e-3)]:
         assert np.abs(getattr(whole, name) - getattr(aboard.estimates, name))[1000:].max() < most, name
     assert whole.nees == pytest.approx(whole.squared_errors.mean()) and 0 < aboard.estimates.nees < 20
-    assert whole.records == filter.records and [own["readings"] for own in whole.records] == [own["readings"] for own in aboard.estimates.records]
+    assert whole.records == filter.records and [own["name"] for own in whole.records] == [own["name"] for own in aboard.estimates.records]
     assert whole.share_within == pytest.approx(((whole.squared_errors > 2.7004) & (whole.squared_errors < 19.0228)).mean())
     # 19 mrad/s, beside rates of 1.6 rad/s
     assert np.abs(whole.angular_velocity - states[:, 10:13])[500:].max() < 0.05
