@@ -16,7 +16,9 @@
 //! for. Where one would be needed (a mixed part of a `HyperDual64`, an order above the first of a jet, the adjoint of an
 //! adjoint) the result is NaN, so that what is missing is not taken for zero.
 
+use super::emit::{CFunction, CText};
 use super::scalar::Scalar;
+use base::error::Result;
 use std::fmt;
 use std::hash::{Hash, Hasher};
 use std::sync::{Arc, OnceLock};
@@ -71,6 +73,17 @@ pub trait CustomFunction: Send + Sync + 'static {
     fn forward(&self, x: &[f64], dx: &[f64], dy: &mut [f64]);
     /// `x_bar` = J(`x`)ᵀ `y_bar`, with y_bar `[n_output]` and x_bar `[n_input]`.
     fn reverse(&self, x: &[f64], y_bar: &[f64], x_bar: &mut [f64]);
+
+    /// Adds `static void name(const real *x, real *y)` to C text, where x are the arguments that are not `known`, in order. `None`: it
+    /// cannot be written in C, and what calls it is not exported.
+    ///
+    /// [`emit`](super::emit) has an example.
+    ///
+    /// # Errors
+    /// What it says about the known arguments.
+    fn c_function(&self, _text: &mut CText, _name: &str, _known: &[Option<f64>]) -> Result<Option<CFunction>> {
+        Ok(None)
+    }
 
     /// [`value`](Self::value) at points side by side, as blocks of environments have them. Here one by one; a function that answers
     /// many at once for less overrides it. The answer at a point may not depend on the other points.

@@ -9,6 +9,7 @@
 //! | `lanes`, `columns`, `unrolled` | SIMD registers as scalars, chosen at run time; where their numbers stand; loops over components |
 //! | `custom`: [`CustomFunction`], [`Operation`] | functions with a derivative of their own, for solvers inside kernels |
 //! | [`native`] | machine code of programs, made at run time |
+//! | [`emit`] | text of programs in other languages |
 //! | `trace`, `program` | recording scalar, functions of recordings, derived adjoints; compiled programs |
 //! | `sweep` | the chain rule of a recording, backwards for all results at once |
 //! | `once` | what is made when it is first asked for |
@@ -34,6 +35,7 @@ pub mod custom;
 #[doc(hidden)]
 pub mod derivative;
 pub(crate) mod dual;
+pub mod emit;
 #[cfg(test)]
 mod example;
 pub(crate) mod fast_hash;

@@ -222,6 +222,14 @@ impl Program {
         Ok(Arc::unwrap_or_clone(form))
     }
 
+    /// The values of a recording, arranged for text.
+    ///
+    /// # Errors
+    /// As [`Program::compile`].
+    pub(crate) fn text_form(recording: &Recording) -> Result<Arc<ValueForm>> {
+        Ok(inline::with_short_functions(&Arc::new(Self::form_of(recording)?)))
+    }
+
     fn form_of(recording: &Recording) -> Result<ValueForm> {
         // a sine alone has its cosine beside it
         let n_value = recording.n_input + 2 * recording.nodes.len();

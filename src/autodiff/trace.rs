@@ -380,6 +380,15 @@ impl Recording {
         self.nodes.len() + self.calls.iter().map(of_call).sum::<usize>()
     }
 
+    /// Whether it calls custom functions, or functions of its own do.
+    #[doc(hidden)]
+    pub fn has_operations(&self) -> bool {
+        self.calls.iter().any(|call| match &call.callee {
+            Callee::Custom(_) => true,
+            Callee::Function(function) => function.recording().has_operations(),
+        })
+    }
+
     fn has_functions(&self) -> bool {
         self.calls.iter().any(|call| matches!(call.callee, Callee::Function(_)))
     }

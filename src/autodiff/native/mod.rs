@@ -137,4 +137,4 @@ pub(crate) fn code<R: Row>(form: &Arc<ValueForm>, layout: &RowLayout) -> Result<
 }
 
 #[cfg(all(test, target_arch = "x86_64", target_os = "linux", not(miri)))]
-mod tests;
+pub(crate) mod tests;

@@ -1,8 +1,10 @@
 use super::*;
 use crate::columns::{BLOCK, LINE};
 use crate::custom::{CustomFunction, Operation};
+use crate::emit::{CFunction, CText, literal};
 use crate::lanes::{InstructionSet, with_set};
 use crate::program::{CallOf, Callee, Instruction, InstructionKind, Op, Program, Tape, Value, ValueForm};
+use base::error::Result;
 use rng::{Purpose, Stream};
 use std::sync::Arc;
 
@@ -24,14 +26,29 @@ impl CustomFunction for Mixed {
     fn reverse(&self, _: &[f64], _: &[f64], x_bar: &mut [f64]) {
         x_bar.fill(f64::NAN);
     }
+    fn c_function(&self, text: &mut CText, name: &str, known: &[Option<f64>]) -> Result<Option<CFunction>> {
+        let (precision, mut open) = (text.precision(), 0..);
+        let operand = |known: &Option<f64>| match known {
+            Some(x) => format!("({})", literal(*x, precision)),
+            None => format!("x[{}]", open.next().unwrap_or(0)),
+        };
+        let operands: Vec<String> = known.iter().map(operand).collect();
+        let (real, [a, b]) = (precision.c_type(), [&operands[0], &operands[1]]);
+        let [two, three] = [2.0, 3.0].map(|x| literal(x, precision));
+        let prototype = format!("static void {name}(const {real} *x, {real} *y)");
+        text.add(&format!(
+            "{prototype}\n{{\n    (void)x;\n    y[0] = {a} - {two} * {b};\n    y[1] = {b} / {a};\n    y[2] = {three};\n}}\n"
+        ));
+        Ok(Some(CFunction { name: name.into(), prototype, stack: 96, n_instruction: 3, n_most: 3 }))
+    }
 }
 
-fn draws(seed: u64) -> Stream {
+pub(crate) fn draws(seed: u64) -> Stream {
     Stream::new(58, seed, 0, Purpose::user(58))
 }
 
 /// A number that may be anything.
-fn number(r: &mut Stream) -> f64 {
+pub(crate) fn number(r: &mut Stream) -> f64 {
     const SPECIAL: [f64; 16] = [
         0.0,
         -0.0,
@@ -60,7 +77,7 @@ fn number(r: &mut Stream) -> f64 {
 
 /// A program of any operations on any values: short and long lives, results that are inputs and constants, calls of custom functions
 /// and of functions of its own.
-fn random_form(seed: u64) -> ValueForm {
+pub(crate) fn random_form(seed: u64) -> ValueForm {
     let mut r = draws(seed);
     let mut functions = Vec::new();
     for _ in 0..r.below(7).saturating_sub(2) {

@@ -16,6 +16,14 @@ pub(super) fn with_long_functions(form: &Arc<ValueForm>) -> Arc<ValueForm> {
     Arranger::new(form, LONG).form(form)
 }
 
+/// Of text that shall be short: a function is computed where it is called only if a call would be as long.
+const SHORT: usize = 40;
+
+/// The program as text is made of it: what is written twice is a function.
+pub(super) fn with_short_functions(form: &Arc<ValueForm>) -> Arc<ValueForm> {
+    Arranger::new(form, SHORT).form(form)
+}
+
 /// The program as it is interpreted: without calls, unless that made it huge.
 pub(super) fn with_few_calls(form: &Arc<ValueForm>) -> Arc<ValueForm> {
     let shortest = if form.n_flat(&mut HashMap::new()) > MOST { LONG } else { usize::MAX };

@@ -323,7 +323,7 @@ impl ValueForm {
     }
 
     /// Per value, which instruction reads it last; [`usize::MAX`] for results of the program, 0 where nobody does.
-    pub(super) fn last_uses(&self, order: &[u32]) -> Vec<usize> {
+    pub(crate) fn last_uses(&self, order: &[u32]) -> Vec<usize> {
         let mut last = vec![0; self.n_value];
         for (time, number) in order.iter().enumerate() {
             for operand in self.operands(&self.instructions[*number as usize]) {
