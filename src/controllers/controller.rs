@@ -134,6 +134,11 @@ pub trait Controller: Send {
     fn recorded(&self, _plant: &Plant) -> Result<Option<RecordedLaw>> {
         Ok(None)
     }
+    /// Why it has no such form, in words that go on after its name.
+    #[doc(hidden)]
+    fn why_no_law(&self) -> &'static str {
+        "a program that branches on what it meets"
+    }
     /// How it fared, for tables.
     fn notes(&self) -> Vec<Note> {
         Vec::new()
@@ -170,6 +175,7 @@ macro_rules! delegate {
                 fn commanded(&self) -> Option<Commanded>;
                 fn is_batched(&self) -> bool;
                 fn recorded(&self, plant: &Plant) -> Result<Option<RecordedLaw>>;
+                fn why_no_law(&self) -> &'static str;
                 fn notes(&self) -> Vec<Note>;
             }
         }
@@ -196,6 +202,10 @@ impl Passive {
 impl Controller for Passive {
     fn name(&self) -> &str {
         "none"
+    }
+
+    fn why_no_law(&self) -> &'static str {
+        "nothing: its commands are constants"
     }
 
     fn description(&self) -> String {

@@ -256,6 +256,10 @@ impl Controller for FaultTolerant {
         "fault_tolerant"
     }
 
+    fn why_no_law(&self) -> &'static str {
+        "a controller that changes its allocation when it is told of a failure"
+    }
+
     fn description(&self) -> String {
         "the cascade, and with the rotors that are left: roll and pitch before thrust before yaw".into()
     }

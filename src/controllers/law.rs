@@ -9,7 +9,7 @@ use super::filter::FilterSettings;
 use super::kinematics::Kinematics;
 use super::reference::Setpoint;
 use autodiff::trace::Recording;
-use autodiff::{Program, Scalar, System};
+use autodiff::{Program, Scalar, System, Trace};
 use base::error::Result;
 use dynamics::Plant;
 use flight::Commanded;
@@ -188,9 +188,12 @@ impl<L: ControlLaw> Controller for LawController<L> {
     }
 
     fn recorded(&self, plant: &Plant) -> Result<Option<RecordedLaw>> {
-        RecordedLaw::of(self.law.clone(), plant).map(Some)
+        RecordedLaw::of(self.law.clone(), plant, &self.parameters).map(Some)
     }
 }
+
+/// Records a tick with these numbers for parameters.
+type RecordWith = dyn Fn(&[f64]) -> Recording + Send + Sync;
 
 /// Any straight-line law, recorded for a plant: one type for all of them, run on any scalar by an interpreter.
 #[derive(Clone)]
@@ -198,25 +201,42 @@ pub struct RecordedLaw {
     law: Arc<dyn ControlLaw>,
     program: Arc<Program>,
     parameters: Vec<f64>,
+    record: Arc<RecordWith>,
+}
+
+/// State, target, ticks, parameters and memory in, memory and commands out. Parameters are inputs where they are not `known`.
+fn record<L: ControlLaw>(law: &L, [n_state, n_input]: [usize; 2], known: Option<&[f64]>) -> Recording {
+    let n_parameter = if known.is_some() { 0 } else { law.parameters().len() };
+    let cuts = [n_state, law.n_target(), law.n_tick(), n_parameter];
+    Recording::of(cuts.iter().sum::<usize>() + law.memory().len(), |z| {
+        let (state, z) = z.split_at(cuts[0]);
+        let (target, z) = z.split_at(cuts[1]);
+        let (ticks, z) = z.split_at(cuts[2]);
+        let (parameters, memory) = z.split_at(cuts[3]);
+        let known: Option<Vec<Trace>> = known.map(|known| known.iter().map(|x| Scalar::constant(*x)).collect());
+        let parameters = known.as_deref().unwrap_or(parameters);
+        let mut memory = memory.to_vec();
+        let mut commands = vec![Scalar::zero(); n_input];
+        law.tick(&LawInput { state, target, ticks, parameters }, &mut memory, &mut commands);
+        memory.append(&mut commands);
+        memory
+    })
 }
 
 impl RecordedLaw {
-    fn of<L: ControlLaw>(law: Arc<L>, plant: &Plant) -> Result<Self> {
-        let (memory, parameters) = (law.memory(), law.parameters());
-        let (n_state, n_input) = (plant.n_state(), plant.n_input());
-        let cuts = [n_state, law.n_target(), law.n_tick(), parameters.len(), memory.len()];
-        let recording = Recording::of(cuts.iter().sum(), |z| {
-            let (state, z) = z.split_at(cuts[0]);
-            let (target, z) = z.split_at(cuts[1]);
-            let (ticks, z) = z.split_at(cuts[2]);
-            let (parameters, memory) = z.split_at(cuts[3]);
-            let mut memory = memory.to_vec();
-            let mut commands = vec![Scalar::zero(); n_input];
-            law.tick(&LawInput { state, target, ticks, parameters }, &mut memory, &mut commands);
-            memory.append(&mut commands);
-            memory
-        });
-        Ok(Self { program: Arc::new(Program::compile(&recording)?), law, parameters })
+    fn of<L: ControlLaw>(law: Arc<L>, plant: &Plant, parameters: &[f64]) -> Result<Self> {
+        let parameters = if parameters.is_empty() { law.parameters() } else { parameters.to_vec() };
+        let sizes = [plant.n_state(), plant.n_input()];
+        let program = Arc::new(Program::compile(&record(&*law, sizes, None))?);
+        let own = law.clone();
+        let record = Arc::new(move |known: &[f64]| record(&*own, sizes, Some(known)));
+        Ok(Self { law, program, parameters, record })
+    }
+
+    /// A tick with its parameters as constants: state, target, ticks and memory in, memory and the plant's input out.
+    #[doc(hidden)]
+    pub fn recording(&self) -> Recording {
+        (self.record)(&self.parameters)
     }
 
     /// Instructions of one tick.

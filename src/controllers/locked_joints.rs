@@ -64,6 +64,10 @@ impl Controller for LockedJoints {
         "frozen"
     }
 
+    fn why_no_law(&self) -> &'static str {
+        "a cascade around the centre of mass of many bodies, which is computed anew in every shape"
+    }
+
     fn description(&self) -> String {
         "servos hold the rest pose; one cascade over all rotors, at the centre of mass".into()
     }

@@ -445,6 +445,10 @@ impl Controller for PlatformController {
         "platform"
     }
 
+    fn why_no_law(&self) -> &'static str {
+        "a controller with an allocation over cones inside"
+    }
+
     fn description(&self) -> String {
         let ([frame, drones], n, lost) = (self.bandwidths(), self.drones.len(), self.lost());
         let axes = if lost.is_empty() {

@@ -295,6 +295,10 @@ impl Controller for Lqr {
         "lqr"
     }
 
+    fn why_no_law(&self) -> &'static str {
+        "a feedback that reads the reference seconds ahead, not one target"
+    }
+
     fn description(&self) -> String {
         let slowest = self.regulator.poles.first().map_or(0.0, |p| p.norm().ln() / self.period);
         format!("optimal feedback of the whole state, slowest pole at {slowest:.2} 1/s")

@@ -463,6 +463,10 @@ impl Controller for TransportController {
         "transport"
     }
 
+    fn why_no_law(&self) -> &'static str {
+        "a controller with an allocation over cones inside"
+    }
+
     fn description(&self) -> String {
         let [pace, drones] = self.bandwidths();
         format!("pose of the load through {} bars, {:.1} s late; drones {drones:.1} rad/s", self.bars.len(), 1.0 / pace)

@@ -441,6 +441,10 @@ impl Controller for Vectored {
         "vectored"
     }
 
+    fn why_no_law(&self) -> &'static str {
+        "a controller with a second-order cone program inside"
+    }
+
     fn description(&self) -> String {
         let two = self.thrusters.iter().filter(|t| t.hinges.len() == 2).count();
         let axes = if two == 0 { "one axis" } else { "two axes" };

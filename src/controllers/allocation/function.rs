@@ -1,12 +1,14 @@
 //! An allocation as a differentiable function: for rollouts, duals and programs.
 
 use super::allocator::{Allocator, AllocatorSettings};
+use super::c_text::allocation_text;
 use super::fast::MAX_FAST;
 use super::problem::{Problem, WRENCH};
 use super::side_by_side::{Eight, SideBySide};
 use super::variation::Variation;
 use autodiff::columns::LINE;
 use autodiff::custom::reverse_at;
+use autodiff::emit::{CFunction, CText};
 use autodiff::native::policy::{Fallback, OnDemand};
 use autodiff::{CustomFunction, Operation, Points, Scalar};
 use base::error::{Error, Result};
@@ -318,6 +320,16 @@ impl CustomFunction for Inner {
         if self.with(|work| work.value(x, y)).is_none() {
             y.fill(f64::NAN);
         }
+    }
+    /// Of one problem: all numbers but the wrench are known.
+    fn c_function(&self, text: &mut CText, name: &str, known: &[Option<f64>]) -> Result<Option<CFunction>> {
+        let (wrench, rest) = known.split_at(WRENCH);
+        let Some(rest) = rest.iter().copied().collect::<Option<Vec<f64>>>() else { return Ok(None) };
+        let mut at = Variation::zero(&self.template);
+        at.numbers_mut().zip([0.0; WRENCH].iter().chain(&rest)).for_each(|(to, x)| *to = *x);
+        let mut problem = self.template.clone();
+        give(&at, &mut problem);
+        allocation_text(text, name, problem, wrench)
     }
     fn forward(&self, x: &[f64], dx: &[f64], dy: &mut [f64]) {
         let good = self.with(|work| {

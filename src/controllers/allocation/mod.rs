@@ -8,6 +8,7 @@
 //! | `allocator`: [`Allocator`], [`AllocationSolution`] | its solvers behind one interface, with certificate, fallback and counts |
 //! | `fast` | its fast paths and their gradient |
 //! | `side_by_side` | the same for eight wrenches at once, as machine code |
+//! | `c_text` | the same as C text |
 //! | `active_set` | bounds: exact and fast, branch-free |
 //! | `conic` | cones: clarabel |
 //! | `function`: [`AllocationFunction`] | an answer with its derivative, called by kernels of any scalar |
@@ -28,6 +29,7 @@ pub(crate) mod articulated;
 pub mod attainable_wrench;
 #[doc(hidden)]
 pub mod batch;
+mod c_text;
 #[doc(hidden)]
 pub mod conic;
 #[doc(hidden)]

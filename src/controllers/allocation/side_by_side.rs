@@ -16,7 +16,7 @@ use std::sync::Arc;
 type Row = [f64; LINE];
 
 /// The numbers of a problem and what is prepared of them.
-struct Numbers<'a, S> {
+pub(super) struct Numbers<'a, S> {
     pull: &'a [S],
     offset: &'a [S],
     gain: &'a [S],
@@ -40,7 +40,7 @@ fn n_number(n: usize) -> usize {
 }
 
 impl<'a, S> Numbers<'a, S> {
-    fn of(n: usize, mut rows: &'a [S]) -> Self {
+    pub(super) fn of(n: usize, mut rows: &'a [S]) -> Self {
         let mut take = |n: usize| rows.split_off(..n).unwrap_or_default();
         Self {
             pull: take(WRENCH * n),
@@ -58,36 +58,42 @@ impl<'a, S> Numbers<'a, S> {
     }
 }
 
-/// Writes the numbers of a prepared problem, each into every lane.
-fn write(problem: &Problem, fast: &Fast, tolerance: f64, rows: &mut [Row]) {
+/// The numbers of a prepared problem, in the order of [`Numbers`].
+pub(super) fn numbers<'a>(problem: &'a Problem, fast: &'a Fast, tolerance: f64) -> impl Iterator<Item = f64> + 'a {
     let n = problem.n_input();
     let limits = problem.limits();
-    let hessian = (0..n).flat_map(|i| &fast.program.hessian[i][..n]);
+    let hessian = (0..n).flat_map(move |i| &fast.program.hessian[i][..n]);
     let [asked, tightest, allowed] = [limits.asked, limits.tightest, limits.allowed];
     let others = [problem.regularisation, fast.cost, asked, tightest, allowed, tolerance.next_up(), 0.0];
-    let all = (fast.pull.iter().flatten().chain(&fast.offset))
+    (fast.pull.iter().flatten().chain(&fast.offset))
         .chain(fast.gain.iter().flatten().chain(&fast.rest))
         .chain(problem.geometry.iter().chain(&problem.weights))
         .chain(problem.preference.iter().chain(&problem.lower).chain(&problem.upper))
-        .chain(hessian.chain(&others));
-    rows.iter_mut().zip(all).for_each(|(row, x)| *row = [*x; LINE]);
+        .chain(hessian)
+        .copied()
+        .chain(others)
+}
+
+/// Writes the numbers of a prepared problem, each into every lane.
+fn write(problem: &Problem, fast: &Fast, tolerance: f64, rows: &mut [Row]) {
+    rows.iter_mut().zip(numbers(problem, fast, tolerance)).for_each(|(row, x)| *row = [x; LINE]);
 }
 
 /// Places of what is known of an answer.
 #[derive(Clone)]
-struct Places {
+pub(super) struct Places {
     /// Inputs and status in units, and whether it is done.
-    iterate: Range<usize>,
+    pub(super) iterate: Range<usize>,
     /// −q, lower and upper bounds in units.
-    task: Range<usize>,
+    pub(super) task: Range<usize>,
     /// The units of inputs and gradients.
-    units: Range<usize>,
+    pub(super) units: Range<usize>,
     /// u, and 1 where it is certified, 0 where nobody can.
-    answer: Range<usize>,
+    pub(super) answer: Range<usize>,
 }
 
 impl Places {
-    fn of(n: usize) -> Self {
+    pub(super) fn of(n: usize) -> Self {
         let ends = [2 * n + 1, 5 * n + 1, 5 * n + 3, 6 * n + 4];
         Self { iterate: 0..ends[0], task: ends[0]..ends[1], units: ends[1]..ends[2], answer: ends[2]..ends[3] }
     }
@@ -108,7 +114,7 @@ fn flag<S: Scalar>(mask: S::Mask) -> S {
 }
 
 /// From a wrench to all of [`Places`]: the closed form, which is done where it is certified.
-fn begin<S: Scalar>(n: usize, of: &Numbers<S>, wrench: &[S]) -> Vec<S> {
+pub(super) fn begin<S: Scalar>(n: usize, of: &Numbers<S>, wrench: &[S]) -> Vec<S> {
     let [_, cost, least, otherwise, allowed, ..]: [S; N_OTHER] = std::array::from_fn(|k| of.others[k]);
     let infinite = S::constant(f64::INFINITY);
     let pulled: Vec<S> = of.pull.chunks_exact(WRENCH).map(|row| of.dot(row, wrench)).collect();
@@ -183,18 +189,18 @@ fn program_of<S: Scalar>(n: usize, hessian: &[S], state: &[S]) -> (BoxQp<S, MAX_
 }
 
 /// One step of the search, of those that are not done.
-fn step<S: Scalar>(n: usize, of: &Numbers<S>, state: &[S], many: bool) -> Vec<S> {
+pub(super) fn step<S: Scalar>(n: usize, of: &Numbers<S>, state: &[S], many: bool, tolerances: Tolerances) -> Vec<S> {
     let (program, mut x) = program_of(n, of.hessian, state);
     let done = S::constant(0.5).lt(x.done);
-    program.step(n, &mut x, &mut Factor::new(), many, Tolerances::DOUBLE);
+    program.step(n, &mut x, &mut Factor::new(), many, tolerances);
     let now = x.inputs[..n].iter().chain(&x.status[..n]).chain([&x.done]);
     now.zip(state).map(|(now, before)| S::select(done, *before, *now)).collect()
 }
 
 /// The last step, the answer and whether it is certified, of those that are not yet.
-fn end<S: Scalar>(n: usize, of: &Numbers<S>, wrench: &[S], state: &[S]) -> Vec<S> {
+pub(super) fn end<S: Scalar>(n: usize, of: &Numbers<S>, wrench: &[S], state: &[S], tolerances: Tolerances) -> Vec<S> {
     let (program, mut x) = program_of(n, of.hessian, state);
-    program.step(n, &mut x, &mut Factor::new(), false, Tolerances::DOUBLE);
+    program.step(n, &mut x, &mut Factor::new(), false, tolerances);
     let at = Places::of(n);
     let [unit, steepness] = [0, 1].map(|k| state[at.units.start + k]);
     let half = S::constant(0.5);
@@ -281,13 +287,13 @@ impl SideBySide {
         let made = |many: bool| {
             let arguments = place(0, 0..m).chain(place(2, 0..all)).collect();
             executable(m + all, arguments, place(2, at.iterate.clone()).collect(), |z| {
-                step(n, &Numbers::of(n, z), &z[m..], many)
+                step(n, &Numbers::of(n, z), &z[m..], many, Tolerances::DOUBLE)
             })
         };
         let steps = [made(true)?, made(false)?];
         let results = place(2, n..2 * n).chain(place(2, at.answer.clone())).collect();
         let end = executable(m + WRENCH + all, problem().chain(place(2, 0..all)).collect(), results, |z| {
-            end(n, &Numbers::of(n, z), &z[m..m + WRENCH], &z[m + WRENCH..])
+            end(n, &Numbers::of(n, z), &z[m..m + WRENCH], &z[m + WRENCH..], Tolerances::DOUBLE)
         })?;
         let arguments = problem().chain(place(2, 0..all)).chain(place(1, WRENCH..WRENCH + n)).collect();
         let gradient = place(3, 0..n_argument(n)).collect();

@@ -627,6 +627,10 @@ impl Controller for Mpc {
         "mpc"
     }
 
+    fn why_no_law(&self) -> &'static str {
+        "a plan, whose solver takes as many steps as it needs"
+    }
+
     fn description(&self) -> String {
         let MpcSettings { stages, stage, .. } = &self.settings;
         let rate = 1.0 / self.period;

@@ -158,6 +158,10 @@ impl Controller for PlannedIndi {
         "mpc_indi"
     }
 
+    fn why_no_law(&self) -> &'static str {
+        "a plan, whose solver takes as many steps as it needs"
+    }
+
     fn description(&self) -> String {
         format!("{}, over incremental inversion of the rotation with filters at {CUTOFF} Hz", self.mpc.description())
     }

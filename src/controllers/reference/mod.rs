@@ -28,6 +28,7 @@ pub use tilt::Tilt;
 pub use trajectory::{Curve, CustomTrajectory, Series, Trajectory};
 pub use waypoints::{MAX_WAYPOINTS, Waypoint, Waypoints};
 
+use autodiff::Recording;
 use autodiff::jet::Jet;
 use base::error::{Error, Result};
 use serde::{Deserialize, Serialize};
@@ -131,6 +132,12 @@ impl Reference {
     /// value is the right-hand one.
     pub fn sample(&self, t: f64) -> Setpoint<f64> {
         self.trajectory().sample(t)
+    }
+
+    /// From the time, s, to the numbers of a [`Setpoint`]; `None` where samples are looked up.
+    #[doc(hidden)]
+    pub fn recording(&self) -> Option<Recording> {
+        self.trajectory().recording()
     }
 
     /// Position and yaw as Taylor series in time about t (s).

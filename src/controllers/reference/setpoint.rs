@@ -29,6 +29,29 @@ impl<S: Scalar> Setpoint<S> {
     /// Numbers in the flat form: position, velocity, acceleration, jerk, snap, yaw, yaw rate, yaw acceleration.
     pub const DIM: usize = 18;
 
+    /// Name and unit of each of them.
+    #[doc(hidden)]
+    pub const NUMBERS: [(&'static str, &'static str); 18] = [
+        ("position_x", "m, world"),
+        ("position_y", "m, world"),
+        ("position_z", "m, world"),
+        ("velocity_x", "m/s, world"),
+        ("velocity_y", "m/s, world"),
+        ("velocity_z", "m/s, world"),
+        ("acceleration_x", "m/s^2, world"),
+        ("acceleration_y", "m/s^2, world"),
+        ("acceleration_z", "m/s^2, world"),
+        ("jerk_x", "m/s^3, world"),
+        ("jerk_y", "m/s^3, world"),
+        ("jerk_z", "m/s^3, world"),
+        ("snap_x", "m/s^4, world"),
+        ("snap_y", "m/s^4, world"),
+        ("snap_z", "m/s^4, world"),
+        ("yaw", "rad"),
+        ("yaw_rate", "rad/s"),
+        ("yaw_acceleration", "rad/s^2"),
+    ];
+
     /// Rest at a point.
     #[inline]
     pub fn at_rest(position: Vec3<S>, yaw: S) -> Self {

@@ -1,8 +1,8 @@
 //! What a reference is: samples over time, best written as a curve over any scalar.
 
 use super::setpoint::Setpoint;
-use autodiff::Scalar;
 use autodiff::jet::Jet;
+use autodiff::{Recording, Scalar, Trace};
 use base::error::{Error, Result, finite};
 use dynamics::spatial::Vec3;
 use std::sync::Arc;
@@ -85,6 +85,11 @@ pub trait Trajectory: Send + Sync {
     fn duration(&self) -> Option<f64> {
         None
     }
+    /// From the time, s, to the numbers of a [`Setpoint`]; `None` where samples are looked up.
+    #[doc(hidden)]
+    fn recording(&self) -> Option<Recording> {
+        None
+    }
     /// Checks every number.
     ///
     /// # Errors
@@ -114,6 +119,14 @@ impl<C: Curve> Trajectory for C {
     }
     fn duration(&self) -> Option<f64> {
         Curve::duration(self)
+    }
+    fn recording(&self) -> Option<Recording> {
+        Some(Recording::of(1, |time| {
+            let time = Jet::variable(time[0]);
+            let mut out = vec![Trace::zero(); Setpoint::<f64>::DIM];
+            Setpoint::from_series(self.position(time), self.yaw(time)).write(&mut out);
+            out
+        }))
     }
     fn validate(&self) -> Result<()> {
         Curve::validate(self)
