@@ -176,6 +176,8 @@ pub use env::{
     Adjoint, AgentWidths, Buffers, Column, Cotangents, Env, Info, Jacobian, PendingStatistics, Seeds, Space, Spec,
     StepLayout, StepOut, StepPhases, Sweep, SweepOptions, Tape,
 };
+#[doc(hidden)]
+pub use env::{ShownBeside, TaskFunctions};
 pub use evaluate::{EpisodeRows, Evaluation, EvaluationStep, PolicyFn, evaluate, wilson};
 pub use groups::{Dtype, Group, GroupKind};
 pub use observation::{ObservationTransform, Statistics};

@@ -6,6 +6,7 @@ use autodiff::program::BLOCK;
 use autodiff::{Mask, Scalar, Trace, safe};
 use base::error::{Error, Result};
 use controllers::action::ActionScale;
+use controllers::attitude::AttitudeCommand;
 use controllers::cascade::{CascadeMemory, CascadeModel, Level};
 use controllers::kinematics::Kinematics;
 use dynamics::GRAVITY;
@@ -162,7 +163,7 @@ impl Control {
     fn pick(&self, agent: usize, own: &[f32], levels: usize, joint: bool, mut put: impl FnMut(usize, f32)) -> usize {
         let safe = &self.safe[agent * self.n_command..];
         let most = if joint { levels.pow(self.n_command as u32) } else { levels } - 1;
-        let level = |digit: usize| 2.0 * digit as f32 / (levels - 1) as f32 - 1.0;
+        let level = |digit: usize| command_of(digit as f32, levels);
         let mut changed = 0;
         for (i, number) in own.iter().take(self.n_command_of[agent]).enumerate() {
             let whole = number.round().clamp(0.0, most as f32);
@@ -183,16 +184,35 @@ impl Control {
         changed
     }
 
+    /// As [`Control::decode`], recorded: commands of all agents, of their whole numbers.
+    pub(crate) fn decoded(&self, levels: usize, actions: &[Trace]) -> Vec<Trace> {
+        let (n, n_action) = (self.n_command, self.n_action());
+        let mut commands = vec![Trace::zero(); n * self.n_command_of.len()];
+        for (agent, own) in actions.chunks_exact(n_action).enumerate() {
+            let n_own = self.n_command_of[agent];
+            let per = if n_action == 1 { n } else { 1 };
+            for (i, x) in own.iter().take(n_own.div_ceil(per)).enumerate() {
+                let finite = safe::is_bounded(*x, f64::from(f32::MAX));
+                for (k, digit) in digits(*x, levels, per).into_iter().enumerate() {
+                    let place = agent * n + i * per + k;
+                    let safe = Trace::constant(self.safe[place]);
+                    commands[place] = Trace::select(finite, command_of(digit, levels), safe);
+                }
+            }
+        }
+        commands
+    }
+
     /// Whether [`Control::steer`] reads frames.
     pub(crate) fn needs_frames(&self) -> bool {
         self.cascade.is_some()
     }
 
-    /// Commands (clipped) of all agents to inputs, in computation `step` of a step.
+    /// Commands (clipped) of all agents to inputs, in the first computation of a step (`first` is 1) or a later one (0).
     pub(crate) fn steer(
         &self,
         robot: &Robot,
-        step: usize,
+        first: Trace,
         frames: &[Trace],
         commands: &[Trace],
         held: &mut [Trace],
@@ -210,7 +230,7 @@ impl Control {
             Trace::function(held, |held| {
                 let before = CascadeMemory::read(held);
                 let command = [own[0], own[1], own[2], own[3]];
-                self.compute(&CascadeModel::constant(model), step, &frame, command, &before).write(held);
+                self.compute(&CascadeModel::constant(model), first, &frame, command, &before).write(held);
             });
             let rotors = CascadeMemory::<Trace, MAX_ROTORS>::read(held).rotors;
             inputs.iter().zip(rotors).for_each(|(place, rotor)| input[*place] = rotor);
@@ -221,14 +241,13 @@ impl Control {
     fn compute(
         &self,
         model: &CascadeModel<Trace, MAX_ROTORS>,
-        step: usize,
+        first: Trace,
         frame: &Frame<Trace>,
         command: [Trace; 4],
         held: &CascadeMemory<Trace, MAX_ROTORS>,
     ) -> CascadeMemory<Trace, MAX_ROTORS> {
         let state = model.own(&kinematics(frame));
         let one = Trace::one();
-        let first = if step == 0 { one } else { Trace::zero() };
         let ticks = [first, one, one];
         let total = model.limits.thrust;
         match self.level {
@@ -236,13 +255,46 @@ impl Control {
             Level::Attitude => {
                 // the heading of the command is that of the first computation
                 let fresh = self.scale.attitude(command, total, state.attitude);
-                let wanted = if step == 0 { fresh } else { held.attitude };
+                let wanted = either(first, &fresh, &held.attitude);
                 model.attitude(&state, held, &wanted, ticks)
             }
             Level::Velocity => model.velocity(&state, held, &self.scale.velocity(command), ticks),
             Level::Position => model.position(&state, held, &self.scale.position(command, state.position), ticks),
         }
     }
+}
+
+/// Digit d of `levels` that are evenly spaced over [−1, 1].
+fn command_of<S: Scalar>(digit: S, levels: usize) -> S {
+    S::constant(2.0) * digit / S::constant((levels - 1) as f64) - S::one()
+}
+
+/// The `n` digits of the nearest whole number to the base `levels`, the highest first; those of the least or largest where it is
+/// beyond. By comparisons, as no scalar rounds.
+fn digits(x: Trace, levels: usize, n: usize) -> Vec<Trace> {
+    let mut rest = x;
+    let of_place = |place: usize| {
+        let unit = levels.pow(place as u32) as f64;
+        let reached = |digit: usize| rest.lt(digit as f64 * unit - 0.5).not();
+        let count = |sum, digit| sum + Trace::select(reached(digit), Trace::one(), Trace::zero());
+        let digit = (1..levels).fold(Trace::zero(), count);
+        rest -= digit * unit;
+        digit
+    };
+    (0..n).rev().map(of_place).collect()
+}
+
+/// The one where `first` is 1, else the other. Where that is known nothing is recorded.
+fn either(first: Trace, one: &AttitudeCommand<Trace>, other: &AttitudeCommand<Trace>) -> AttitudeCommand<Trace> {
+    const DIM: usize = AttitudeCommand::<Trace>::DIM;
+    if let Some(first) = first.known() {
+        return if first > 0.5 { *one } else { *other };
+    }
+    let (mut a, mut b) = ([Trace::zero(); DIM], [Trace::zero(); DIM]);
+    one.write(&mut a);
+    other.write(&mut b);
+    let first = first.gt(0.5);
+    AttitudeCommand::read(&std::array::from_fn::<_, DIM, _>(|k| Trace::select(first, a[k], b[k])))
 }
 
 /// Numbers that the cascade of one drone holds within a step: attitude command, rate command, rotors.

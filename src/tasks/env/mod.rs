@@ -27,6 +27,7 @@
 //! | `normaliser` | statistics of observations: collect, freeze, merge |
 //! | `snapshot` | the exact state as bytes |
 //! | `block` | what sixty-four environments hold |
+//! | `functions` | the phases as functions of named arrays |
 //! | `transition` | the phases as the function that gradients are taken of |
 //! | `gradient` | tapes, sweeps, Jacobians |
 //! | `single` | one environment, for newcomers |
@@ -41,6 +42,7 @@ pub(crate) mod draw_plan;
 mod draws;
 pub(crate) mod episode_start;
 mod estimate;
+pub(crate) mod functions;
 pub(crate) mod gradient;
 mod info_columns;
 pub(crate) mod layout;
@@ -64,6 +66,8 @@ pub(crate) mod transition;
 mod write_out;
 
 pub use buffers::{Buffers, StepOut};
+#[doc(hidden)]
+pub use functions::{ShownBeside, TaskFunctions};
 pub use gradient::{Adjoint, Cotangents, Jacobian, Seeds, Sweep, SweepOptions, Tape};
 pub use normaliser::PendingStatistics;
 #[doc(hidden)]

@@ -31,6 +31,27 @@ pub(crate) struct Numbers {
 }
 
 impl Numbers {
+    /// Zeros, of an environment that is alive and whose numbers that vary are these.
+    pub(crate) fn blank(core: &Core, varied: &[Trace]) -> Self {
+        let EnvLayout { kept, work, shared } = &core.layout;
+        let zeros = |n: usize| vec![Trace::zero(); n];
+        let mut own = Self {
+            plant: zeros(core.plant.n_row()),
+            kept: zeros(kept.count),
+            work: zeros(work.count),
+            shared: zeros(shared.count),
+            model: core.plant.constant_numbers(),
+        };
+        own.plant[core.plant.alive_row()] = constant(f64::from(ALIVE));
+        kept.theta.of_mut(&mut own.kept).copy_from_slice(varied);
+        if !core.varied.is_empty() {
+            let mut parameters: Vec<Trace> = core.nominal.iter().map(|x| constant(*x)).collect();
+            core.varied.iter().zip(varied).for_each(|(k, value)| parameters[*k] = *value);
+            own.model = core.plant.numbers_of(&parameters);
+        }
+        own
+    }
+
     /// One array after the other, those of the model that vary last.
     pub(crate) fn all(&self, core: &Core) -> impl Iterator<Item = Trace> {
         let varying = core.varying.iter().map(|k| self.model[*k]);
@@ -45,6 +66,10 @@ pub(crate) struct Step<'a> {
     pub numbers: Numbers,
     /// Whether what explodes is stopped. Derivatives are taken of steps that went well.
     pub contains: bool,
+    /// Whether what is observed is off by what estimates are off by. The state is an estimate itself where it is not.
+    pub errs: bool,
+    /// Whether it may go on beyond its horizon: the clock then stays where that of the last step is.
+    pub is_endless: bool,
     /// The state that is shown: that at rest where an episode ends because it left its bounds.
     pub state: Vec<Trace>,
     pub frames: Vec<Trace>,
@@ -52,7 +77,7 @@ pub(crate) struct Step<'a> {
     pub goal: Vec<Trace>,
     pub terms: Vec<Trace>,
     /// What cascades hold within a step.
-    latched: Vec<Trace>,
+    pub latched: Vec<Trace>,
     /// Why it cannot be: a task answered otherwise than before.
     pub fault: Option<Error>,
 }
@@ -78,7 +103,20 @@ impl<'a> Step<'a> {
         let goal = layout.kept.goal.of(&numbers.kept).to_vec();
         let latched = vec![Trace::zero(); core.sizes.held];
         let (frames, terms) = (Vec::new(), Vec::new());
-        Self { core, layout, numbers, contains: true, state, frames, goal, terms, latched, fault: None }
+        Self {
+            core,
+            layout,
+            numbers,
+            contains: true,
+            errs: true,
+            is_endless: false,
+            state,
+            frames,
+            goal,
+            terms,
+            latched,
+            fault: None,
+        }
     }
 
     pub(crate) fn kept(&self, part: impl Fn(&Kept) -> Part) -> &[Trace] {
@@ -118,6 +156,10 @@ impl<'a> Step<'a> {
     pub(crate) fn view(&self) -> View<'_> {
         let step = self.episode(episode_state::STEP);
         let horizon = self.core.task.horizon() as f64;
+        let mut time = step + self.episode(episode_state::OFFSET);
+        if self.is_endless {
+            time = time.min(constant(horizon - 1.0));
+        }
         View {
             robot: self.core.robot(),
             state: &self.state[..],
@@ -126,7 +168,7 @@ impl<'a> Step<'a> {
             goal: &self.goal[..],
             task_state: self.kept(|kept| kept.task_state),
             step,
-            clock: (step + self.episode(episode_state::OFFSET)) * constant(1.0 / horizon),
+            clock: time * constant(1.0 / horizon),
         }
     }
 
@@ -200,10 +242,15 @@ impl<'a> Step<'a> {
 
     /// Computation `k` of the controllers.
     pub(crate) fn steer(&mut self, k: usize) {
+        self.steer_by(if k == 0 { Trace::one() } else { Trace::zero() });
+    }
+
+    /// A computation of the controllers; `first` is 1 if it is that of a step, else 0.
+    pub(crate) fn steer_by(&mut self, first: Trace) {
         let (core, frames) = (self.core, &self.frames[..]);
         let Numbers { plant, work, .. } = &mut self.numbers;
         let (commands, input) = (self.layout.work.command.of(work), &mut plant[core.plant.n_state()..]);
-        core.control.steer(core.robot(), k, frames, commands, &mut self.latched, input);
+        core.control.steer(core.robot(), first, frames, commands, &mut self.latched, input);
     }
 
     /// The physics that follow it.
@@ -312,7 +359,7 @@ impl<'a> Step<'a> {
     pub(crate) fn observe(&mut self) {
         let n = self.core.sizes.raw;
         let truth = self.frames.clone();
-        if let Some(estimating) = &self.core.estimating {
+        if let Some(estimating) = self.core.estimating.as_ref().filter(|_| self.errs) {
             let off = self.kept(|kept| kept.estimate).to_vec();
             estimating.seen(&off, &mut self.frames);
         }

@@ -15,6 +15,7 @@ use crate::config::EnvConfig;
 use crate::robot::{DronePlace, Robot};
 use crate::task::TaskReference;
 use autodiff::program::BLOCK;
+use autodiff::{Scalar, Trace};
 use base::error::{Error, Result};
 use controllers::cascade::Level;
 
@@ -59,6 +60,14 @@ impl Residual {
         BaselineControllers::of(robot, &robot.parameters(), self.dt, None)
     }
 
+    /// Adds inputs that controllers command to the commands of a recording.
+    pub(crate) fn correct(&self, commanded: &[Trace], command: &mut [Trace]) {
+        let share = Trace::constant(f64::from(self.share));
+        for (action, place) in command.iter_mut().zip(&self.places) {
+            place.iter().for_each(|place| *action = corrected(commanded[*place], share, *action));
+        }
+    }
+
     /// What one worker needs.
     pub(crate) fn lead(&self, robot: &Robot) -> BaseController {
         // it could be made when the environment was, of the same numbers
@@ -86,10 +95,15 @@ impl BaseController {
             self.crew.fly(core.robot(), reference, time, &self.state, &mut self.input);
             for (row, place) in command.iter_mut().zip(&own.places) {
                 let Some(place) = place else { continue };
-                row[lane] = (self.input[*place] as f32 + own.share * row[lane]).clamp(-1.0, 1.0);
+                row[lane] = corrected(self.input[*place] as f32, own.share, row[lane]);
             }
         }
     }
+}
+
+/// u of u_c, share and a.
+fn corrected<S: Scalar>(commanded: S, share: S, action: S) -> S {
+    (commanded + share * action).clamp(-S::one(), S::one())
 }
 
 /// What controllers track in an episode that began so.

@@ -14,7 +14,6 @@ use crate::robot::Robot;
 use crate::task::TaskReference;
 use autodiff::{Scalar, Trace};
 use dynamics::Plant;
-use dynamics::batch::ALIVE;
 use std::ops::Range;
 
 /// Where everything stands among the arguments and results of a step that gradients are taken of.
@@ -234,17 +233,8 @@ pub(crate) fn transition(core: &Core, p: &StepLayout, z: &[Trace]) -> Vec<Trace>
 /// What an environment holds before a step with arguments `z`, in an episode that runs on.
 fn numbers(core: &Core, p: &StepLayout, z: &[Trace]) -> Numbers {
     let EnvLayout { kept, work, shared } = &core.layout;
-    let (zero, constant) = (Trace::zero(), Trace::constant);
-    let zeros = |n: usize| vec![zero; n];
-    let mut own = Numbers {
-        plant: zeros(core.plant.n_row()),
-        kept: zeros(kept.count),
-        work: zeros(work.count),
-        shared: zeros(shared.count),
-        model: core.plant.constant_numbers(),
-    };
+    let mut own = Numbers::blank(core, &z[p.parameters.clone()]);
     own.plant[p.state.clone()].copy_from_slice(&z[p.state.clone()]);
-    own.plant[core.plant.alive_row()] = constant(f64::from(ALIVE));
     for (place, part) in p.of_kept(kept) {
         part.of_mut(&mut own.kept).copy_from_slice(&z[place]);
     }
@@ -253,11 +243,6 @@ fn numbers(core: &Core, p: &StepLayout, z: &[Trace]) -> Numbers {
     work.noise.of_mut(&mut own.work).copy_from_slice(&z[p.noise.clone()]);
     work.common.of_mut(&mut own.work)[0] = Trace::one();
     shared.statistics.of_mut(&mut own.shared).copy_from_slice(&z[p.statistics.clone()]);
-    if !core.varied.is_empty() {
-        let mut parameters: Vec<Trace> = core.nominal.iter().map(|x| constant(*x)).collect();
-        core.varied.iter().zip(&z[p.parameters.clone()]).for_each(|(k, value)| parameters[*k] = *value);
-        own.model = core.plant.numbers_of(&parameters);
-    }
     own
 }
 
