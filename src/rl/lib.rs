@@ -82,7 +82,8 @@ pub mod dagger;
 pub mod dqn;
 #[doc(hidden)]
 pub mod ending;
-pub(crate) mod evaluate;
+#[doc(hidden)]
+pub mod evaluate;
 pub(crate) mod experience;
 pub(crate) mod gae;
 pub(crate) mod input_scale;
@@ -96,7 +97,8 @@ pub mod parts;
 pub mod planner;
 #[doc(hidden)]
 pub mod policy;
-pub(crate) mod policy_controller;
+#[doc(hidden)]
+pub mod policy_controller;
 #[doc(hidden)]
 pub mod policy_io;
 pub(crate) mod policy_optimiser;

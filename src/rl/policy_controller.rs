@@ -87,6 +87,10 @@ impl Controller for PolicyController {
         &self.name
     }
 
+    fn why_no_law(&self) -> &'static str {
+        "a policy, which is exported by the folder of its run"
+    }
+
     fn description(&self) -> String {
         "what was learnt in the task, the reference in the place of its goal".into()
     }
@@ -145,7 +149,10 @@ fn fits(env: &Env, plant: &Plant) -> Result<()> {
 }
 
 /// The point that the task wants to be held.
-fn goal(env: &Env) -> Result<[f64; 3]> {
+///
+/// # Errors
+/// [`Error::Value`] for a task that wants another thing.
+pub fn goal(env: &Env) -> Result<[f64; 3]> {
     let wanted = env.reference(0)?;
     match wanted.as_ref().map(|w| &w.references[..]) {
         Some([Reference::Hover(point)]) => Ok(point.position),

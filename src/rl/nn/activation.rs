@@ -88,7 +88,7 @@ impl Kernel for Pull<'_> {
     }
 }
 
-const LEAK: f64 = 0.01;
+pub(super) const LEAK: f64 = 0.01;
 
 /// x p(x²)/q(x²) with degrees 13 and 6, for |x| ≤ 7.9 where tanh rounds to ±1: one division, half the cost of the
 /// function by exponentials. Coefficients of the minimax fraction in Eigen (Guennebaud, Jacob et al. 2010).

@@ -11,6 +11,7 @@
 use super::activation::Activation;
 use super::aligned::Aligned;
 use super::elementwise::add_rows;
+use super::graph::{ConvShape, LayerGraph, LayerKind, ValueSpan};
 use super::init::Init;
 use super::network::{Level, Memory, Network, Output, Pass, Scratch, Slot, Transposed, Weights};
 use super::product::{Begin, Left, padded, product};
@@ -273,6 +274,21 @@ impl Network for Conv {
             let shape = (layer.n_patch(), layer.to[2], layer.wide());
             transposed.put(l, &parameters[layer.weight.clone()], shape, |o| o);
         }
+    }
+
+    fn describe(&self, parameters: &[f32], graph: &mut LayerGraph, x: &ValueSpan, _: &ValueSpan) -> [ValueSpan; 2] {
+        let mut tensors = self.parts(parameters).into_iter().map(|tensor| tensor.data);
+        let mut x = x.clone();
+        for &Layer { from, to, kernel, stride, activation, .. } in &self.layers {
+            let [weight, bias] = [(); 2].map(|()| tensors.next().unwrap_or_default());
+            let n = to.iter().product();
+            let kind = LayerKind::Conv { shape: ConvShape { from, to, kernel, stride }, weight, bias };
+            x = graph.add(kind, 1, n, vec![x]);
+            if activation != Activation::Identity {
+                x = graph.add(LayerKind::Activation(activation), 1, n, vec![x]);
+            }
+        }
+        [x, ValueSpan::NONE]
     }
 
     fn forward<'m>(&self, parameters: &[f32], x: &[f32], rows: usize, memory: &'m mut Memory) -> Output<'m> {

@@ -13,6 +13,7 @@
 use super::activation::tanh;
 use super::aligned::Aligned;
 use super::elementwise::add_rows;
+use super::graph::{LayerGraph, LayerKind, ValueSpan};
 use super::init::Init;
 use super::network::{Level, Memory, Network, Output, Pass, Scratch, Slot, Transposed, Weights};
 use super::product::{Begin, Left, padded, product};
@@ -205,6 +206,13 @@ impl Network for Gru {
             seen.copy_from_slice(&grad_seen[k * tall..][..self.n_seen]);
             kept.copy_from_slice(&grad_state[k * wide..][..n]);
         }
+    }
+
+    fn describe(&self, parameters: &[f32], graph: &mut LayerGraph, x: &ValueSpan, h: &ValueSpan) -> [ValueSpan; 2] {
+        let mut tensors = self.parts(parameters).into_iter().map(|tensor| tensor.data);
+        let [weight_ih, weight_hh, bias_ih, bias_hh] = [(); 4].map(|()| tensors.next().unwrap_or_default());
+        let kind = LayerKind::Gru { weight_ih, weight_hh, bias_ih, bias_hh };
+        [ValueSpan::NONE, graph.add(kind, 1, self.n_unit, vec![x.clone(), h.clone()])]
     }
 }
 

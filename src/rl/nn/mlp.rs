@@ -8,6 +8,7 @@ use super::activation::Activation;
 use super::aligned::Aligned;
 use super::elementwise::{add_products, add_rows};
 use super::encoder::{Encoder, Recurrence};
+use super::graph::{LayerGraph, LayerKind, ValueSpan};
 use super::init::Init;
 use super::layer_norm;
 use super::network::{Level, Memory, NamedTensor, Network, Output, Pass, Scratch, Slot, Transposed, Weights};
@@ -397,6 +398,30 @@ impl Mlp {
         Network::from_parts(self, &mut part)
     }
 
+    /// Adds its layers to `graph`, each for `rows` rows at `x` one behind the other; where the outputs stand.
+    pub(super) fn describe_rows(
+        &self,
+        parameters: &[f32],
+        graph: &mut LayerGraph,
+        rows: usize,
+        x: &ValueSpan,
+    ) -> ValueSpan {
+        let mut tensors = self.parts(parameters).into_iter().map(|tensor| tensor.data);
+        let mut take = || tensors.next().unwrap_or_default();
+        let mut x = x.clone();
+        for layer in &self.layers {
+            let mut then = |kind, x: &ValueSpan| graph.add(kind, rows, layer.n_out, vec![x.clone()]);
+            x = then(LayerKind::Dense { weight: take(), bias: take() }, &x);
+            if layer.norm.is_some() {
+                x = then(LayerKind::LayerNorm { gain: take(), shift: take(), epsilon: layer_norm::NORM_FLOOR }, &x);
+            }
+            if layer.activation != Activation::Identity {
+                x = then(LayerKind::Activation(layer.activation), &x);
+            }
+        }
+        x
+    }
+
     /// Share of the hidden units under tanh with |y| > `limit` in the memory's last forward pass; 0 where there are none.
     /// Other activations do not saturate.
     pub fn saturated(&self, memory: &Memory, rows: usize, limit: f32) -> f64 {
@@ -428,6 +453,9 @@ impl Network for Mlp {
     }
     fn backward(&self, net: Weights<'_>, x: &[f32], rows: usize, memory: &Memory, grad_output: &[f32], pass: Pass<'_>) {
         Self::backward(self, net, x, rows, memory, grad_output, pass);
+    }
+    fn describe(&self, parameters: &[f32], graph: &mut LayerGraph, x: &ValueSpan, _: &ValueSpan) -> [ValueSpan; 2] {
+        [self.describe_rows(parameters, graph, 1, x), ValueSpan::NONE]
     }
     fn as_mlp(&self) -> Option<&Mlp> { Some(self) }
     fn saturated(&self, memory: &Memory, rows: usize, limit: f32) -> f64 { Self::saturated(self, memory, rows, limit) }

@@ -18,6 +18,7 @@
 //! | `head`, `gaussian` | distributions of actions over outputs; Gaussians of many rows at once |
 //! | `tanh_gaussian` | Gaussians behind tanh, drawn so that gradients pass |
 //! | `fold` | a network with fewer outputs, sums of another's |
+//! | `graph` | a network as a list of layers, for other languages |
 
 pub(crate) mod activation;
 pub(crate) mod adam;
@@ -29,6 +30,7 @@ pub(crate) mod encoder;
 pub(crate) mod exact;
 pub(crate) mod fold;
 pub(crate) mod gaussian;
+pub mod graph;
 pub(crate) mod gru;
 pub(crate) mod head;
 pub(crate) mod init;

@@ -4,6 +4,7 @@
 //! whoever descends a gradient needs to know none of them by name.
 
 use super::aligned::Aligned;
+use super::graph::{LayerGraph, ValueSpan};
 use super::mlp::Mlp;
 use super::product::padded;
 use super::stack::Stack;
@@ -83,6 +84,9 @@ pub trait Network: Debug + Send + Sync {
     /// As [`Network::forward`].
     fn backward(&self, net: Weights<'_>, x: &[f32], rows: usize, memory: &Memory, grad_output: &[f32], pass: Pass<'_>);
 
+    /// Adds to `graph` what it makes of what is seen at `x` and remembered at `h`: where its outputs stand, and the state behind it.
+    fn describe(&self, parameters: &[f32], graph: &mut LayerGraph, x: &ValueSpan, h: &ValueSpan) -> [ValueSpan; 2];
+
     /// The perceptron that it is, if it is nothing else.
     fn as_mlp(&self) -> Option<&Mlp> {
         None
@@ -150,6 +154,9 @@ impl<N: Network + ?Sized> Network for Arc<N> {
     }
     fn backward(&self, net: Weights<'_>, x: &[f32], rows: usize, memory: &Memory, grad_output: &[f32], pass: Pass<'_>) {
         (**self).backward(net, x, rows, memory, grad_output, pass);
+    }
+    fn describe(&self, parameters: &[f32], graph: &mut LayerGraph, x: &ValueSpan, h: &ValueSpan) -> [ValueSpan; 2] {
+        (**self).describe(parameters, graph, x, h)
     }
     fn as_mlp(&self) -> Option<&Mlp> { (**self).as_mlp() }
     fn as_stack(&self) -> Option<&Stack> { (**self).as_stack() }

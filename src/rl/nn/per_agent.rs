@@ -1,6 +1,7 @@
 //! A network for each agent of a team, all of one shape: rows stand agent by agent, and each goes through its own agent's.
 
 use super::aligned::Aligned;
+use super::graph::{LayerGraph, ValueSpan};
 use super::network::{Level, Memory, Network, Output, Pass, Scratch, Slot, Transposed, Weights};
 use base::error::{Error, Result};
 use rng::Stream;
@@ -103,6 +104,11 @@ impl Network for PerAgent {
         for (k, own) in transposed.parts.iter_mut().enumerate() {
             self.network.transpose(self.of(parameters, k), own);
         }
+    }
+
+    /// Of the agent that the graph is of.
+    fn describe(&self, parameters: &[f32], graph: &mut LayerGraph, x: &ValueSpan, h: &ValueSpan) -> [ValueSpan; 2] {
+        self.network.describe(self.of(parameters, graph.set()), graph, x, h)
     }
 
     fn forward<'m>(&self, parameters: &[f32], x: &[f32], rows: usize, memory: &'m mut Memory) -> Output<'m> {

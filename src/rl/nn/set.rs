@@ -1,6 +1,7 @@
 //! What is seen of several alike, whichever of them comes first: φ of each, then their mean or largest (Zaheer et al. 2017).
 
 use super::aligned::Aligned;
+use super::graph::{LayerGraph, LayerKind, ValueSpan};
 use super::mlp::Mlp;
 use super::network::{Level, Memory, Network, Output, Pass, Scratch, Slot, Transposed, Weights};
 use super::product::padded;
@@ -85,6 +86,11 @@ impl Network for Set {
 
     fn transpose(&self, parameters: &[f32], transposed: &mut Transposed) {
         self.phi.transpose(parameters, transposed);
+    }
+
+    fn describe(&self, parameters: &[f32], graph: &mut LayerGraph, x: &ValueSpan, _: &ValueSpan) -> [ValueSpan; 2] {
+        let all = self.phi.describe_rows(parameters, graph, self.n_member, x);
+        [graph.add(LayerKind::Pool(self.pool), self.n_member, self.phi.n_output(), vec![all]), ValueSpan::NONE]
     }
 
     fn forward<'m>(&self, parameters: &[f32], x: &[f32], rows: usize, memory: &'m mut Memory) -> Output<'m> {

@@ -7,6 +7,7 @@
 //! ```
 
 use super::aligned::Aligned;
+use super::graph::{LayerGraph, LayerKind, ValueSpan};
 use super::gru::Gru;
 use super::mlp::Mlp;
 use super::network::{Level, Memory, Network, Output, Pass, Scratch, Slot, Transposed, Weights};
@@ -268,6 +269,28 @@ impl Network for Stack {
         for ((own, at), transposed) in self.within().zip(&self.places).zip(&mut transposed.parts) {
             own.transpose(&parameters[at.clone()], transposed);
         }
+    }
+
+    fn describe(&self, parameters: &[f32], graph: &mut LayerGraph, x: &ValueSpan, h: &ValueSpan) -> [ValueSpan; 2] {
+        let of = |k: usize| &parameters[self.places[k].clone()];
+        let last = self.places.len() - 1;
+        let given = self.encoders.iter().enumerate().map(|(k, Encoded { columns, network })| {
+            let [given, _] = network.describe(of(k), graph, &x.part(columns.clone()), &ValueSpan::NONE);
+            given
+        });
+        let mut given: Vec<ValueSpan> = given.collect();
+        if self.join == Join::Sum && given.len() > 1 {
+            given = vec![graph.add(LayerKind::Sum, 1, given[0].len(), given)];
+        }
+        let features = self.rest.iter().map(|run| x.part(run.clone())).chain(given).collect();
+        let features = graph.concat(features);
+        let Some(gru) = &self.memory else {
+            return self.trunk.describe(of(last), graph, &features, &ValueSpan::NONE);
+        };
+        let [_, next] = gru.describe(of(last - 1), graph, &features, h);
+        let seen = graph.concat(vec![features, next.clone()]);
+        let [y, _] = self.trunk.describe(of(last), graph, &seen, &ValueSpan::NONE);
+        [y, next]
     }
 
     fn forward<'m>(&self, parameters: &[f32], x: &[f32], rows: usize, memory: &'m mut Memory) -> Output<'m> {
