@@ -66,6 +66,7 @@
 //! | [`controllers`] | commands | [`fly`](controllers::fly()), [`Controller`](controllers::Controller), [`ControlLaw`](controllers::ControlLaw), [`ClosedLoop`](controllers::ClosedLoop), [`Reference`](controllers::Reference), [`tune`](controllers::design::tune()) |
 //! | [`tasks`] | goals | [`Env`](tasks::Env), [`EnvConfig`](tasks::EnvConfig), [`SingleEnv`](tasks::SingleEnv), [`registry`](tasks::registry), [`Task`](tasks::Task), [`Tape`](tasks::Tape), [`evaluate`](tasks::evaluate()) |
 //! | [`rl`] | learning | [`Trainer`](rl::Trainer), [`TrainConfig`](rl::TrainConfig), [`apg`](rl::apg), [`shac`](rl::shac), [`ppo`](rl::ppo), [`Policy`](rl::Policy), [`evaluate`](rl::evaluate()) |
+//! | [`export`] | what leaves the house: C99, ONNX | [`controller_as_c`](export::controller_as_c), [`policy_as_c`](export::policy_as_c), [`onnx`](export::onnx::onnx) |
 //! | [`flight`] | what was flown | [`FlightLog`](flight::FlightLog), key figures, CSV |
 //! | [`error`], [`layers`], [`rng`], [`parallel`] | serve all | [`Error`](error::Error), [`Layer`](layers::Layer) of settings, [`Stream`](rng::Stream), [`Threads`](parallel::Threads) |
 //! | [`conventions`] | frames, units, layouts, names | what any number means |
@@ -126,7 +127,7 @@ mod speed_gate;
 #[doc(inline)]
 pub use base::{error, layers, parallel};
 #[doc(inline)]
-pub use {autodiff, controllers, dynamics, flight, rl, rng, tasks};
+pub use {autodiff, controllers, dynamics, export, flight, rl, rng, tasks};
 
 #[doc(inline)]
 pub use tasks::settings;
