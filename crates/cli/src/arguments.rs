@@ -474,7 +474,7 @@ pub fn list<const N: usize>(text: &str, what: &str) -> std::result::Result<[f64;
     <[f64; N]>::try_from(numbers).map_err(|_| format!("expected {N} numbers {what}, got {n}"))
 }
 
-fn rates(text: &str) -> std::result::Result<Rates, String> {
+pub fn rates(text: &str) -> std::result::Result<Rates, String> {
     let [rate, attitude, velocity] = list(text, "RATE,ATTITUDE,VELOCITY in Hz")?;
     Ok(Rates { rate, attitude, velocity })
 }

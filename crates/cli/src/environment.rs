@@ -134,6 +134,32 @@ impl EnvArguments {
         lists || names || dt.is_some() || horizon.is_some() || seed.is_some()
     }
 
+    /// What flies.
+    pub fn vehicle(&self) -> Option<&str> {
+        self.vehicle.as_deref()
+    }
+
+    /// Time of a step, s.
+    pub fn dt(&self) -> Option<f64> {
+        self.dt
+    }
+
+    /// The integrator's name.
+    pub fn integrator_name(&self) -> Option<IntegratorName> {
+        self.integrator
+    }
+
+    /// Whether physics were asked for.
+    pub fn has_physics(&self) -> bool {
+        self.dt.is_some() || self.integrator.is_some()
+    }
+
+    /// Whether settings of tasks were given.
+    pub fn has_settings(&self) -> bool {
+        let lists = !self.set.is_empty() || !self.randomise.is_empty();
+        self.config.is_some() || lists || self.control.is_some() || self.horizon.is_some()
+    }
+
     /// The control level that an option names.
     pub fn level(&self) -> Option<Level> {
         self.control

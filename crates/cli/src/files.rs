@@ -260,14 +260,14 @@ fn make_folder(folder: &Path) -> Result<()> {
 
 /// Writes `text` to a place that the user named, whole or not at all; an existing file is kept unless `force`. A link stays one and what it points to
 /// is written; where that does not exist, the file takes the place of the link.
-pub fn write_new(path: &Path, text: &str, force: bool) -> Result<()> {
+pub fn write_new(path: &Path, text: impl AsRef<[u8]>, force: bool) -> Result<()> {
     check_new(path, force)?;
     // a device or pipe must not be replaced by a file
     if path.metadata().is_ok_and(|about| !about.is_file()) {
         return std::fs::write(path, text).map_err(|e| Error::file(path, e));
     }
     make_parent(path)?;
-    replace(&path.canonicalize().unwrap_or(path.to_path_buf()), text.as_bytes())
+    replace(&path.canonicalize().unwrap_or(path.to_path_buf()), text.as_ref())
 }
 
 /// `out/NAME`, with whatever a vehicle file called itself reduced to one plain folder name.

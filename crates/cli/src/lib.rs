@@ -2,7 +2,7 @@
 //!
 //! | file | idea |
 //! |---|---|
-//! | `fly.rs`, `allocate.rs`, `show.rs`, `models.rs`, `import.rs`, `design.rs`, `linearise.rs`, `recover.rs`, `tune.rs`, `optimise.rs`, `tasks.rs`, `rollout.rs`, `train.rs`, `train_all.rs`, `study.rs`, `eval.rs`, `watch.rs`, `report.rs`, `replay.rs`, `view.rs`, `bench.rs` | one command each |
+//! | `fly.rs`, `allocate.rs`, `show.rs`, `models.rs`, `import.rs`, `design.rs`, `linearise.rs`, `recover.rs`, `tune.rs`, `optimise.rs`, `tasks.rs`, `export.rs`, `rollout.rs`, `train.rs`, `train_all.rs`, `study.rs`, `eval.rs`, `watch.rs`, `report.rs`, `replay.rs`, `view.rs`, `bench.rs` | one command each |
 //! | `arguments.rs` | arguments that commands share, how they are read, and the folder that they write into |
 //! | `prelude.rs` | what every command speaks of |
 //! | `environment.rs` | which environments: shared by `tasks`, `rollout`, `eval`, `watch` and `bench` |
@@ -15,6 +15,7 @@
 //! | `fly/` | derivatives of what was flown; an earlier flight beside it; drops; verdicts; yaw meant in degrees |
 //! | `optimise/` | a planned trajectory: its files, figures, reference, page |
 //! | `design/` | the figures of `design`, its report |
+//! | `export/` | what a name means that is to be exported |
 //! | `report/` | `report` of single runs, and of folders of several |
 //! | `run_table.rs` | rows of tables of runs, kept in files: what `train-all` and `study` train |
 //! | `study/` | the curves of a study; what it compares is in `omnidrones-studies` |
@@ -43,6 +44,7 @@ mod design;
 mod environment;
 mod episodes;
 mod eval;
+mod export;
 mod failure;
 mod files;
 mod filters;
@@ -158,6 +160,8 @@ Examples:
   omnidrones replay runs/Hover-apg-s0       see it fly: one page for any browser
   omnidrones view Hover                     the same live, while it flies
   omnidrones watch runs/Hover-apg-s0        the same as a GIF
+  omnidrones export c runs/Hover-apg-s0     what flew here, as C for a flight computer
+  omnidrones export onnx runs/Hover-apg-s0  the policy alone, as ONNX
   omnidrones benchmark tracking --quick     controllers at the limits of their rotors, as published
   omnidrones bench --quick                  how fast this machine steps and differentiates
   omnidrones bench Hover --quick            how fast it steps thousands of environments of a task
@@ -240,6 +244,9 @@ enum Command {
     /// Show a trained policy in flight: a page, a GIF and plots
     #[command(long_about = watch::ABOUT)]
     Watch(Box<watch::Arguments>),
+    /// Write vehicles, controllers, policies and tasks as C99, policies as ONNX
+    #[command(long_about = export::ABOUT)]
+    Export(Box<export::Arguments>),
     /// Fly a published comparison of controllers, beside its figures
     #[command(long_about = benchmark::ABOUT)]
     Benchmark(Box<benchmark::Arguments>),
@@ -367,6 +374,7 @@ pub fn outcome(words: impl IntoIterator<Item = OsString>) -> Result<omnidrones::
         Command::View(arguments) => view::run(arguments),
         Command::Watch(arguments) => watch::run(arguments),
         Command::Bench(arguments) => bench::run(arguments),
+        Command::Export(arguments) => export::run(arguments),
         Command::Benchmark(arguments) => benchmark::run(arguments),
     })
 }

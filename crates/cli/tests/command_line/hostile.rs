@@ -125,13 +125,15 @@ fn sound(command: &str) -> &'static [&'static str] {
         "recover" => &["iris", "--cells", "1,1", "--starts", "1", "--duration", "0.5"],
         "allocate" => &["firefly"],
         "tasks" => &["Hover"],
+        "export c" => &["hummingbird"],
+        "export onnx" => &["user"],
         _ => &[],
     }
 }
 
 /// Options of a command, as its help names them, and whether they take a value.
 fn options(folder: &Path, name: &str) -> Vec<(String, bool)> {
-    let help = exits(0, folder, &[name, "--help"]).0;
+    let help = exits(0, folder, &name.split(' ').chain(["--help"]).collect::<Vec<_>>()).0;
     let lines = help.lines().map(str::trim_start).filter(|line| line.starts_with('-'));
     let option = |line: &str| {
         let at = line.find("--")?;
@@ -218,7 +220,8 @@ fn attack(seed: u64, n: usize) {
         let help = exits(0, folder.path(), &["--help"]).0;
         let commands = help.lines().skip_while(|line| !line.starts_with("Commands:")).skip(1);
         let commands = commands.map_while(|line| line.split_whitespace().next().map(String::from));
-        commands.filter(|name| name != "help").collect()
+        let own = commands.filter(|name| name != "help" && name != "export");
+        own.chain(["export c", "export onnx"].map(String::from)).collect()
     };
     assert!(names.len() >= 12, "{names:?}");
     let all: Vec<_> = names.iter().map(|name| (name, options(folder.path(), name))).collect();
@@ -228,7 +231,7 @@ fn attack(seed: u64, n: usize) {
         let own = seed.wrapping_add(k as u64);
         let mut draws = Draws(own);
         let (name, options) = &all[draws.next() as usize % all.len()];
-        let mut line: Vec<String> = vec![name.to_string()];
+        let mut line: Vec<String> = name.split(' ').map(String::from).collect();
         let wild = draws.next().is_multiple_of(4);
         for _ in 0..if wild { draws.next() % 3 } else { 0 } {
             line.push(draws.of(VALUES).into());

@@ -3,6 +3,7 @@
 mod adaptation;
 mod command;
 mod control;
+mod export;
 mod filters;
 mod general;
 mod hostile;

@@ -46,7 +46,7 @@ const SMALLER: &[(&str, &str, &str)] = &[
 /// Flights farther from their reference than this are lost, m.
 const LOST: f64 = 10.0;
 
-const COMMANDS: [&str; 22] = [
+const COMMANDS: [&str; 23] = [
     "fly",
     "show",
     "models",
@@ -69,6 +69,7 @@ const COMMANDS: [&str; 22] = [
     "watch",
     "bench",
     "benchmark",
+    "export",
 ];
 
 /// The words of a command line, up to its remark or what a shell does with it.
@@ -95,6 +96,7 @@ fn documents() -> Vec<String> {
 fn promised(folder: &Path) -> BTreeSet<Vec<String>> {
     let mut all = BTreeSet::new();
     let helps = std::iter::once(vec!["--help"]).chain(COMMANDS.map(|command| vec![command, "--help"]));
+    let helps = helps.chain([vec!["export", "c", "--help"], vec!["export", "onnx", "--help"]]);
     for help in helps {
         let (text, _) = exits(0, folder, &help);
         all.extend(text.lines().filter_map(|line| words(line.strip_prefix("  ")?)));
