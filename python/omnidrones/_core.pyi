@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Final, SupportsFloat, SupportsIndex, final
 from typing_extensions import disjoint_base
 
-__all__ = ["__version__", "Adjoint", "Allocation", "AllocationFunction", "Controller", "Design", "Estimates", "Figure", "Flight", "Jacobian", "KalmanFilter", "Loop", "Mpc", "OptimalTrajectory", "Policy", "Progress", "Regulator", "Run", "StageQpSolution", "StateEstimator", "StateEstimatorBatch", "StateSpace", "SteadyKalman", "Sweep", "System", "Tape", "Trim", "VecEnv", "Vehicle", "_evaluation", "_fly_shard", "_restore", "_restore_policy", "allocate", "configurations", "design", "evaluate", "fly", "linearise", "load_policy", "lqg", "lqr", "optimise", "plot", "recipes", "solve_stage_qp", "steady_kalman", "tasks", "train", "tune", "vehicles"]
+__all__ = ["__version__", "Adjoint", "Allocation", "AllocationFunction", "CFunction", "CModule", "Controller", "Design", "Estimates", "Figure", "Flight", "Jacobian", "KalmanFilter", "Loop", "Mpc", "OptimalTrajectory", "Policy", "Progress", "Regulator", "Run", "StageQpSolution", "StateEstimator", "StateEstimatorBatch", "StateSpace", "SteadyKalman", "Sweep", "System", "Tape", "Trim", "VecEnv", "Vehicle", "_evaluation", "_fly_shard", "_restore", "_restore_policy", "allocate", "configurations", "design", "evaluate", "export_c", "export_onnx", "fly", "linearise", "load_policy", "lqg", "lqr", "optimise", "plot", "recipes", "solve_stage_qp", "steady_kalman", "tasks", "train", "tune", "vehicles"]
 
 __version__: Final[str]
 
@@ -74,6 +74,95 @@ class AllocationFunction(System):
         """
         Nominal numbers behind the wrench, new float64 arrays by name: "weights" [6] (W), "regularisation" [1] (rho), "geometry" [rotor, 6]
         (the columns of B), "preference", "lower" and "upper" [rotor] (N).
+        """
+
+@final
+class CFunction:
+    """
+    A function of a module that callers see.
+    """
+    def __repr__(self, /) -> str: ...
+    @property
+    def about(self, /) -> str:
+        """
+        What it computes.
+        """
+    @property
+    def name(self, /) -> str:
+        """
+        "hover_policy_step".
+        """
+    @property
+    def operations(self, /) -> int:
+        """
+        Of one call; a loop that ends early counts once.
+        """
+    @property
+    def operations_at_most(self, /) -> int:
+        """
+        Of one call at most.
+        """
+    @property
+    def prototype(self, /) -> str:
+        """
+        As the header declares it.
+        """
+    @property
+    def stack(self, /) -> int:
+        """
+        Bytes of stack at most; compilers need less.
+        """
+
+@final
+class CModule:
+    """
+    Something as C99: a header, a source, a test with golden vectors and a description. `export_c` makes it.
+    """
+    def __repr__(self, /) -> str: ...
+    def check(self, /) -> str:
+        """
+        Compiles it with the machine's C compiler (`$CC`, or `cc`), all warnings errors, runs its test and returns what that said. Raises
+        `ValueError` with what compiler or test said where one fails, `FileNotFoundError` where there is no compiler.
+        """
+    @property
+    def files(self, /) -> dict:
+        """
+        The text of its files by name.
+        """
+    @property
+    def functions(self, /) -> list[CFunction]:
+        """
+        What callers see, a list of `CFunction`.
+        """
+    @property
+    def memory(self, /) -> int:
+        """
+        Bytes that a caller keeps from call to call; 0 where nothing is.
+        """
+    @property
+    def name(self, /) -> str:
+        """
+        What its files and functions begin with.
+        """
+    @property
+    def precision(self, /) -> str:
+        """
+        Of its numbers: "float" or "double".
+        """
+    @property
+    def tables(self, /) -> int:
+        """
+        Bytes of constant tables.
+        """
+    @property
+    def title(self, /) -> str:
+        """
+        What it is, in a line.
+        """
+    def write(self, /, folder: str | PathLike[str], force: bool = False) -> list[Path]:
+        """
+        Writes its files into a folder, which is made where it is missing, and returns their paths. Raises `ValueError` where a file is
+        there and is another, unless `force`.
         """
 
 @final
@@ -1691,6 +1780,57 @@ def evaluate(policy: Any, name: str | None = None, *, num_envs: SupportsIndex = 
         Of the starts; 1000003 are those that `train` evaluates on.
     config, **settings
         Of the environments, as in `make`.
+    """
+
+def export_c(what: Any, /, folder: str | PathLike[str] | None = None, *, controller: str | None = None, gains: Mapping | None = None, rates: Mapping | None = None, filters: Any | None = None, name: str | None = None, precision: str = "float", force: bool = False, **physics) -> CModule:
+    """
+    A vehicle, a controller, a reference, a task or a policy as C99 without allocation, libraries or global state.
+
+    Parameters
+    ----------
+    what : Vehicle or str or path or dict or VecEnv or Policy
+        - a vehicle or a configuration, its name or file, as `fly` takes it: one step of it; with a `controller`, a tick of that;
+        - a reference, as `fly` takes it: `{"kind": "circle"}`, the target of a controller by time;
+        - environments: what their task observes, rewards and ends;
+        - a policy, or the folder of a run: from state and goal to the action.
+    folder : path, optional
+        Where its files are written, as `CModule.write` does.
+    controller : str, optional
+        Of the plant, as "indi".
+    gains : dict, optional
+        Of the controller, as `Vehicle.gains`.
+    rates : dict, optional
+        How often each of its levels computes, Hz: "velocity", "attitude", "rate".
+    filters : list of dict, optional
+        Of the measured angular velocity, as `fly` takes them.
+    name : str, optional
+        What files and functions begin with; by default after what is exported.
+    precision : str
+        Of its numbers: "float" or "double".
+    force : bool
+        Whether files that are there are replaced.
+    **physics
+        Of a plant: `dt=0.002` (s), `substeps`, `integrator`, `effects`.
+    """
+
+def export_onnx(policy: Any, /, path: str | PathLike[str] | None = None, *, agent: SupportsIndex = 0, force: bool = False) -> bytes:
+    """
+    A policy as ONNX (operators of version 17), from the observation that a user has, before it is normalised, to the action.
+
+    Inputs are `observation` [batch, observation] of one agent and, of a policy with memory, `memory` [batch, unit], zeros where an
+    episode begins; outputs are `action` [batch, action], the most likely one, and `memory_next`. All are float32 but for discrete
+    actions, int64. The file's metadata name every number.
+
+    Parameters
+    ----------
+    policy : Policy or str or path
+        A policy, or the folder of a run.
+    path : path, optional
+        The file to write. One that is there and is another is left with `FileExistsError`, unless `force`.
+    agent : int
+        Whose network, where agents have their own.
+    force : bool
+        Whether a file that is there is replaced.
     """
 
 def fly(plant: Any, /, *, controller: str | None = None, gains: Mapping | None = None, sensors: Any | None = None, estimator: Any | None = None, **plan) -> Flight:

@@ -20,10 +20,10 @@ use toml::Table;
 /// What was learnt: a network over one agent's observation. Actions are the most likely ones.
 #[pyclass(module = "omnidrones")]
 pub struct Policy {
-    policy: rl::Policy,
-    task: String,
+    pub policy: rl::Policy,
+    pub task: String,
     /// How it was trained.
-    config: TrainConfig,
+    pub config: TrainConfig,
 }
 
 #[pymethods]

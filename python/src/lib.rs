@@ -12,6 +12,7 @@
 //! | `design` | margins of the loop that flies, feedback of least cost |
 //! | `optimal` | trajectories of least cost, model predictive control, programs of linked stages |
 //! | `estimation` | filters of what sensors read, Kalman filters |
+//! | `export` | what flies as C99, policies as ONNX |
 //! | `figure` | the library's plots, for notebooks |
 //! | `control` | vehicles, flights, linear models, allocation, tuning |
 //!
@@ -24,6 +25,7 @@ mod control;
 mod design;
 mod error;
 mod estimation;
+mod export;
 mod figure;
 mod gradient;
 mod learn;
@@ -50,6 +52,8 @@ mod _core {
     use super::estimation::{
         Estimates, KalmanFilter, StateEstimator, StateEstimatorBatch, SteadyKalman, lqg, steady_kalman,
     };
+    #[pymodule_export]
+    use super::export::{CFunction, CModule, export_c, export_onnx};
     #[pymodule_export]
     use super::figure::{Figure, plot_curves};
     #[pymodule_export]
