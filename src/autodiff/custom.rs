@@ -85,6 +85,12 @@ pub trait CustomFunction: Send + Sync + 'static {
         Ok(None)
     }
 
+    /// The name and data by which who reads a saved recording makes this function again. `None`: it cannot be saved, nor what calls it.
+    #[doc(hidden)]
+    fn saved(&self) -> Option<SavedFunction> {
+        None
+    }
+
     /// [`value`](Self::value) at points side by side, as blocks of environments have them. Here one by one; a function that answers
     /// many at once for less overrides it. The answer at a point may not depend on the other points.
     fn value_block(&self, points: &mut Points<'_>) {
@@ -99,6 +105,16 @@ pub trait CustomFunction: Send + Sync + 'static {
             reverse_at(z, n, x_bar, |x, y_bar, x_bar| self.reverse(x, y_bar, x_bar))
         });
     }
+}
+
+/// What a file holds of a custom function: equal ones are the same function.
+#[doc(hidden)]
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+pub struct SavedFunction {
+    /// In a table of those that can be read, which no file can extend.
+    pub name: String,
+    /// What the function is made of besides. Whoever makes it checks them.
+    pub data: Vec<u8>,
 }
 
 /// Points side by side at which a function is evaluated: `f32` in, `f64` for the function, `f32` out.

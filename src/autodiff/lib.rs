@@ -8,6 +8,7 @@
 //! | `jet`: [`Jet`] | truncated Taylor series over any scalar |
 //! | `lanes`, `columns`, `unrolled` | SIMD registers as scalars, chosen at run time; where their numbers stand; loops over components |
 //! | `custom`: [`CustomFunction`], [`Operation`] | functions with a derivative of their own, for solvers inside kernels |
+//! | `floor` | [`floor()`]: a step, as such a function |
 //! | [`native`] | machine code of programs, made at run time |
 //! | [`emit`] | text of programs in other languages |
 //! | `trace`, `program` | recording scalar, functions of recordings, derived adjoints; compiled programs |
@@ -39,6 +40,7 @@ pub mod emit;
 #[cfg(test)]
 mod example;
 pub(crate) mod fast_hash;
+pub(crate) mod floor;
 #[doc(hidden)]
 pub mod jet;
 #[doc(hidden)]
@@ -65,6 +67,9 @@ pub use batch_rollout::{BatchGradient, BatchRollout};
 pub use certificate::{Certificate, CertificateBounds, certify};
 pub use custom::{CustomFunction, Operation, Points};
 pub use derivative::{CompiledJacobian, JacobianScratch, Linearisation, jacobian, linearise};
+pub use floor::floor;
+#[doc(hidden)]
+pub use floor::saved_operation;
 pub use jet::Jet;
 pub use lanes::{instruction_set, lane_width};
 pub use program::{BLOCK, BlockWorkspace, Program, Workspace};

@@ -8,9 +8,13 @@ mod adjoint;
 pub(crate) mod chain;
 mod function;
 mod graph;
+mod saved;
 mod walk;
 
+pub use self::graph::is_recording;
 pub(crate) use self::graph::{Arithmetic, Call, Callee, Node};
+pub use self::saved::SavedLimits;
+pub use self::walk::{Values, Walk};
 
 use self::graph::{Graph, Place, apart, local, push_on, with_graph};
 use super::custom::Operation;
@@ -20,7 +24,8 @@ use std::ops::{Add, AddAssign, BitAnd, BitOr, Div, Mul, MulAssign, Neg, Not, Sub
 
 /// The results of a custom function: constants if all its operands are.
 fn push_call(operation: &Operation, inputs: &[Trace]) -> Vec<Trace> {
-    if let Some(x) = inputs.iter().map(|x| x.known()).collect::<Option<Vec<f64>>>() {
+    let folds = with_graph(|graph| graph.arithmetic != Arithmetic::Written);
+    if let Some(x) = inputs.iter().map(|x| x.known()).collect::<Option<Vec<f64>>>().filter(|_| folds) {
         let mut y = vec![0.0; operation.n_output()];
         operation.function().value(&x, &mut y);
         return y.into_iter().map(Trace::constant).collect();
@@ -103,11 +108,55 @@ impl Trace {
     fn node(self) -> u32 {
         local(self.0)
     }
+
+    /// Its recording and node, for who keeps numbers in arrays of their own.
+    #[doc(hidden)]
+    pub fn to_bits(self) -> u64 {
+        u64::from(self.0.0) << 32 | u64::from(self.0.1)
+    }
+
+    /// Its node of the recording on top, by its place in it.
+    #[doc(hidden)]
+    pub fn place(self) -> usize {
+        self.node() as usize
+    }
+
+    /// The number of these bits, which may be of no recording: see [`is_live`](Self::is_live).
+    #[doc(hidden)]
+    pub fn from_bits(bits: u64) -> Self {
+        Self(((bits >> 32) as u32, bits as u32))
+    }
+
+    /// Whether what is being recorded on this thread may read it. Operations on one that is not panic.
+    #[doc(hidden)]
+    pub fn is_live(self) -> bool {
+        graph::is_reachable(self.0)
+    }
+
+    /// A new input of the recording on top, beyond those that it began with.
+    #[doc(hidden)]
+    pub fn input(number: usize) -> Self {
+        push(Node::Input(number as u32))
+    }
 }
 
 /// A recorded truth value.
 #[derive(Debug, Clone, Copy)]
 pub struct TraceMask(Place);
+
+impl TraceMask {
+    /// The same node as a number: what recordings return for truths.
+    #[doc(hidden)]
+    pub fn as_number(self) -> Trace {
+        Trace(self.0)
+    }
+
+    /// The truth that a number is: the inverse of [`as_number`](Self::as_number).
+    #[doc(hidden)]
+    pub fn of_number(number: Trace) -> Self {
+        Self(number.0)
+    }
+}
 
 impl Add for Trace {
     type Output = Self;
@@ -335,6 +384,53 @@ impl Recording {
     #[doc(hidden)]
     pub fn of_lanes(n_input: usize, f: impl FnOnce(&[Trace]) -> Vec<Trace>) -> Self {
         record(Graph::of_arithmetic(Arithmetic::Lanes), n_input, || f(&inputs(n_input)))
+    }
+
+    /// As [`Recording::of`], word for word: nothing is folded or put in order, equal operations are shared. To be computed again by
+    /// [`evaluate`](Self::evaluate) or a [`Walk`] over recorded numbers, which is then what `f` would have recorded there; it is not to be
+    /// compiled itself.
+    #[doc(hidden)]
+    pub fn as_written(n_input: usize, f: impl FnOnce(&[Trace]) -> Vec<Trace>) -> Self {
+        record(Graph::of_arithmetic(Arithmetic::Written), n_input, || f(&inputs(n_input)))
+    }
+
+    /// The place of the next node: what is recorded from now on stands there or behind.
+    #[doc(hidden)]
+    pub fn place() -> usize {
+        graph::length()
+    }
+
+    /// The node of a result.
+    #[doc(hidden)]
+    pub fn output(&self, k: usize) -> usize {
+        self.outputs[k] as usize
+    }
+
+    /// The first node that is this input.
+    #[doc(hidden)]
+    pub fn node_of_input(&self, k: usize) -> Option<usize> {
+        self.nodes.iter().position(|node| *node == Node::Input(k as u32))
+    }
+
+    /// Which input a node is.
+    #[doc(hidden)]
+    pub fn input_of_node(&self, node: usize) -> Option<usize> {
+        match self.nodes.get(node) {
+            Some(Node::Input(k)) => Some(*k as usize),
+            _ => None,
+        }
+    }
+
+    /// Whether the node at a place is a result of the call before it.
+    #[doc(hidden)]
+    pub fn is_result(&self, at: usize) -> bool {
+        matches!(self.nodes.get(at), Some(Node::Result(..)))
+    }
+
+    /// Nodes.
+    #[doc(hidden)]
+    pub fn n_node(&self) -> usize {
+        self.nodes.len()
     }
 
     /// Number of inputs.

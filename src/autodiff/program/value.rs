@@ -249,7 +249,8 @@ impl Tape {
 
 impl ValueForm {
     /// Of a recording.
-    pub(crate) fn of(recording: &Recording) -> Self {
+    #[doc(hidden)]
+    pub fn of(recording: &Recording) -> Self {
         Planner::new(&recording.attached()).run()
     }
 

@@ -115,6 +115,8 @@ pub(crate) enum Arithmetic {
     Free,
     /// As compiled kernels of lanes have them, to the bit: constants in `f32`; products that are written so.
     Lanes,
+    /// None of it: every operation stands as it was written, so that who computes it again does what was done.
+    Written,
 }
 
 /// Nodes and calls so far, and at which node each is.
@@ -151,6 +153,30 @@ pub(super) fn with_graph<R>(f: impl FnOnce(&mut Graph) -> R) -> R {
 /// The node of the graph on top that is this number.
 pub(super) fn local(place: Place) -> u32 {
     GRAPHS.with_borrow_mut(|Graphs { top, below }| top.local(below, place))
+}
+
+/// Whether anything is being recorded on this thread.
+pub fn is_recording() -> bool {
+    GRAPHS.with_borrow(|graphs| !graphs.below.is_empty())
+}
+
+/// Nodes so far of the graph on top.
+pub(super) fn length() -> usize {
+    with_graph(|graph| graph.nodes.len())
+}
+
+/// Whether [`local`] finds this number from the graph on top.
+pub(super) fn is_reachable((id, node): Place) -> bool {
+    GRAPHS.with_borrow(|Graphs { top, below }| {
+        let mut graph = top;
+        for next in below.iter().rev() {
+            if graph.id == id || graph.captured.is_none() {
+                break;
+            }
+            graph = next;
+        }
+        graph.id == id && (node as usize) < graph.nodes.len()
+    })
 }
 
 /// Appends the node that `make` makes of its operands to the graph on top.
@@ -388,6 +414,9 @@ impl Graph {
     }
 
     pub(super) fn push(&mut self, node: Node) -> u32 {
+        if self.arithmetic == Arithmetic::Written {
+            return self.shared(node);
+        }
         if let (Node::MulAdd(a, b, c), Arithmetic::Free) = (node, self.arithmetic) {
             let product = self.push(Node::Mul(a, b));
             return self.push(Node::Add(product, c));
@@ -395,11 +424,16 @@ impl Graph {
         let node = self.without_signs(node);
         match self.simplify(node) {
             Err(existing) => existing,
-            Ok(node) => *self.index.entry(node).or_insert_with(|| {
-                self.nodes.push(node);
-                (self.nodes.len() - 1) as u32
-            }),
+            Ok(node) => self.shared(node),
         }
+    }
+
+    /// The node that is there already, or a new one.
+    fn shared(&mut self, node: Node) -> u32 {
+        *self.index.entry(node).or_insert_with(|| {
+            self.nodes.push(node);
+            (self.nodes.len() - 1) as u32
+        })
     }
 
     /// With these nodes and calls already recorded.

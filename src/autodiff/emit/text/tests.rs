@@ -226,3 +226,24 @@ fn a_custom_function_without_text_is_refused_by_what_it_is() {
     let error = CText::new("own", ExportPrecision::Single).part(&form).unwrap_err().to_string();
     assert!(error.contains("custom function of 1 numbers") && error.contains("c_function"), "{error}");
 }
+
+#[test]
+fn a_floor_in_text_is_that_of_the_library() {
+    if !has_compiler() {
+        return;
+    }
+    let form = Program::text_form(&Recording::of(1, |x| vec![crate::floor(x[0])])).unwrap();
+    let rows: [f64; ROWS] = [-0.5, 2.5, -2.5, 3.0, -7.0, 8388607.5, -1e20, f64::INFINITY];
+    for precision in [ExportPrecision::Double, ExportPrecision::Single] {
+        let mut text = CText::new("own", precision);
+        let function = text.part(&form).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let binary = compiled(folder.path(), &program(text, &[(function, 1, 1)]), &[]);
+        let is_double = matches!(precision, ExportPrecision::Double);
+        let bytes = |x: &f64| if is_double { x.to_le_bytes().to_vec() } else { (*x as f32).to_le_bytes().to_vec() };
+        let output = run(&binary, &rows.iter().flat_map(bytes).collect::<Vec<u8>>());
+        let floor = |x: &f64| if is_double { x.floor() } else { f64::from((*x as f32).floor()) };
+        let expected: Vec<u8> = rows.iter().flat_map(|x| bytes(&floor(x))).collect();
+        assert_eq!(output, expected, "{is_double}");
+    }
+}

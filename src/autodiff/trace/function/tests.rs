@@ -365,3 +365,24 @@ fn a_form_with_functions_is_printed_with_them_behind_it() {
                 function 0 of 2 inputs: v0 to v1\nv2 = v0·v1 + v0\nv3 = tanh v2\n";
     assert!(text.starts_with(head), "{text}");
 }
+
+#[test]
+fn what_was_written_once_is_recorded_again_with_its_functions() {
+    let (mut n_own, mut n_again) = (0, 0);
+    for seed in 0..60 {
+        let kernel = Kernel::new(seed, seed % 2 == 0);
+        let written = Recording::as_written(5, |x| kernel.run(x));
+        let again = Recording::of(5, |x| {
+            let mut results = vec![Trace::zero(); written.n_output()];
+            written.evaluate(x, &mut results);
+            results
+        });
+        let (own, x) = (recorded(&kernel), point(seed, 5));
+        assert_eq!(value(&again, &x), value(&own, &x), "{seed}");
+        assert_eq!(value(&again.jacobian(0..5), &x), value(&own.jacobian(0..5), &x), "{seed}: Jacobian");
+        let n_function = |recording: &Recording| Program::compile(recording).unwrap().value_form().functions().len();
+        (n_own, n_again) = (n_own + n_function(&own), n_again + n_function(&again));
+    }
+    // what is a function in one of them alone is long before constants are folded, and short behind it
+    assert!(n_own > 60 && n_own.abs_diff(n_again) * 20 < n_own, "{n_own} functions, again {n_again}");
+}
