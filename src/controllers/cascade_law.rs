@@ -62,6 +62,12 @@ impl CascadeLaw {
         LawController::of(self)
     }
 
+    /// What it believes, and its levels.
+    #[doc(hidden)]
+    pub fn model(&self) -> &CascadeModel<f64, MAX_ROTORS> {
+        &self.cascade
+    }
+
     /// L of force and of moment, 1/s.
     #[inline]
     fn integral_rates<S: Scalar>(&self, parameters: &[S]) -> [S; 2] {

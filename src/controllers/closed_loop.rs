@@ -150,12 +150,11 @@ impl<C: Controller> ClosedLoop<C> {
     /// A plant, the truth, under a controller.
     ///
     /// # Errors
-    /// [`Error::Value`] if the controller's rate does not divide 1/dt.
+    /// [`Error::Value`] if the controller's rate does not divide 1/dt, or it is not made for such a plant.
     pub fn new(plant: Plant, controller: C) -> Result<Self> {
+        controller.check_plant(&plant)?;
         let every = steps_between(controller.rate(), plant.physics().dt)?;
-        let disturbances = plant.disturbances();
-        let outside = |k: &usize| disturbances.iter().any(|first| (*first..first + 9).contains(k));
-        let commands: Vec<usize> = (0..plant.n_input()).filter(|k| !outside(k)).collect();
+        let (disturbances, commands) = (plant.disturbances(), command_places(&plant));
         let mut hover = vec![0.0; plant.n_input()];
         if let Ok(state) = plant.hover_state() {
             for rotor in plant.rotor_places() {
@@ -521,6 +520,14 @@ impl<L: ControlLaw> ClosedLoop<LawController<L>> {
             commands[*k] = S::select(due, commands[*k], *held);
         }
     }
+}
+
+/// Of a plant's input, where commands stand: all that is not a disturbance.
+#[doc(hidden)]
+pub fn command_places(plant: &Plant) -> Vec<usize> {
+    let disturbances = plant.disturbances();
+    let outside = |k: &usize| disturbances.iter().any(|first| (*first..first + Disturbance::<f64>::DIM).contains(k));
+    (0..plant.n_input()).filter(|k| !outside(k)).collect()
 }
 
 /// Checks how late a controller knows of a failure, s.

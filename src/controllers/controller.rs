@@ -4,8 +4,8 @@ use super::attitude::Orientation;
 use super::cascade::RateDivisors;
 use super::filter::FilterSettings;
 use super::kinematics::Kinematics;
-use super::law::RecordedLaw;
 use super::reference::{Reference, Setpoint, Tilt};
+use super::written_law::RecordedLaw;
 use autodiff::System;
 use base::error::Result;
 use dynamics::Plant;
@@ -99,6 +99,13 @@ pub trait Controller: Send {
     fn tracked(&self, state: &[f64]) -> Kinematics<f64> {
         Kinematics::read(state)
     }
+    /// Refuses a plant that it is not made for; by default it takes any.
+    ///
+    /// # Errors
+    /// [`Error::Value`](base::error::Error::Value) that names both.
+    fn check_plant(&self, _plant: &Plant) -> Result<()> {
+        Ok(())
+    }
     /// Forgets: the next tick is the first.
     fn reset(&mut self);
     /// Writes rotor actions and drive commands, in [−1, 1], at their places in the plant's input, `[n_input]`.
@@ -167,6 +174,7 @@ macro_rules! delegate {
                 fn filters(&self) -> &[FilterSettings];
                 fn holds_tilt(&self) -> bool;
                 fn tracked(&self, state: &[f64]) -> Kinematics<f64>;
+                fn check_plant(&self, plant: &Plant) -> Result<()>;
                 fn reset(&mut self);
                 fn tick(&mut self, seen: Measurement<'_>, target: Target<'_>, commands: &mut [f64]);
                 fn tell(&mut self, effectiveness: &[f64]) -> Result<()>;

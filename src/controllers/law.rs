@@ -8,8 +8,8 @@ use super::controller::{Controller, Measurement, Target, forward};
 use super::filter::FilterSettings;
 use super::kinematics::Kinematics;
 use super::reference::Setpoint;
-use autodiff::trace::Recording;
-use autodiff::{Program, Scalar, System, Trace};
+use super::written_law::{CompiledTick, RecordedLaw};
+use autodiff::Scalar;
 use base::error::Result;
 use dynamics::Plant;
 use flight::Commanded;
@@ -43,7 +43,7 @@ impl<S: Scalar> LawInput<'_, S> {
 }
 
 /// A controller without branches on values (see [`Scalar`]). Whatever depends on time alone (the reference, which level
-/// computes) reaches it as numbers, so that a closed loop around it is one differentiable [`System`].
+/// computes) reaches it as numbers, so that a closed loop around it is one differentiable [`System`](autodiff::System).
 pub trait ControlLaw: Send + Sync + 'static {
     /// One word.
     fn name(&self) -> &str {
@@ -104,6 +104,18 @@ pub trait ControlLaw: Send + Sync + 'static {
     fn parameter_names(&self) -> Vec<String> {
         Vec::new()
     }
+    /// Refuses a plant that it is not made for; by default it takes any.
+    ///
+    /// # Errors
+    /// [`Error::Value`](base::error::Error::Value) that names both.
+    fn check_plant(&self, _plant: &Plant) -> Result<()> {
+        Ok(())
+    }
+    /// Its tick in `f64` as a program, for one that is data; by default none.
+    #[doc(hidden)]
+    fn compiled(&self) -> Option<CompiledTick> {
+        None
+    }
     /// One tick: the new memory over the old, commands in [−1, 1] at their places in the plant's input.
     fn tick<S: Scalar>(&self, now: &LawInput<'_, S>, memory: &mut [S], commands: &mut [S])
     where
@@ -119,13 +131,15 @@ pub struct LawController<L> {
     target: Vec<f64>,
     ticks: Vec<f64>,
     tick: u64,
+    compiled: Option<CompiledTick>,
 }
 
 impl<L> Clone for LawController<L> {
     fn clone(&self) -> Self {
         let [parameters, memory, target, ticks] =
             [&self.parameters, &self.memory, &self.target, &self.ticks].map(|v| v.to_vec());
-        Self { law: self.law.clone(), parameters, memory, target, ticks, tick: self.tick }
+        let compiled = self.compiled.clone();
+        Self { law: self.law.clone(), parameters, memory, target, ticks, tick: self.tick, compiled }
     }
 }
 
@@ -138,6 +152,7 @@ impl<L: ControlLaw> LawController<L> {
             target: vec![0.0; law.n_target()],
             ticks: vec![0.0; law.n_tick()],
             tick: 0,
+            compiled: law.compiled(),
             law: Arc::new(law),
         }
     }
@@ -164,6 +179,7 @@ impl<L: ControlLaw> Controller for LawController<L> {
         fn filters(&self) -> &[FilterSettings];
         fn tracked(&self, state: &[f64]) -> Kinematics<f64>;
         fn is_batched(&self) -> bool;
+        fn check_plant(&self, plant: &Plant) -> Result<()>;
     }
 
     fn reset(&mut self) {
@@ -176,7 +192,10 @@ impl<L: ControlLaw> Controller for LawController<L> {
         self.tick += 1;
         let now =
             LawInput { state: seen.state, target: &self.target, ticks: &self.ticks, parameters: &self.parameters };
-        self.law.tick(&now, &mut self.memory, commands);
+        match &mut self.compiled {
+            Some(own) => own.tick(&now, &mut self.memory, commands),
+            None => self.law.tick(&now, &mut self.memory, commands),
+        }
     }
 
     fn memory(&self) -> &[f64] {
@@ -189,100 +208,5 @@ impl<L: ControlLaw> Controller for LawController<L> {
 
     fn recorded(&self, plant: &Plant) -> Result<Option<RecordedLaw>> {
         RecordedLaw::of(self.law.clone(), plant, &self.parameters).map(Some)
-    }
-}
-
-/// Records a tick with these numbers for parameters.
-type RecordWith = dyn Fn(&[f64]) -> Recording + Send + Sync;
-
-/// Any straight-line law, recorded for a plant: one type for all of them, run on any scalar by an interpreter.
-#[derive(Clone)]
-pub struct RecordedLaw {
-    law: Arc<dyn ControlLaw>,
-    program: Arc<Program>,
-    parameters: Vec<f64>,
-    record: Arc<RecordWith>,
-}
-
-/// State, target, ticks, parameters and memory in, memory and commands out. Parameters are inputs where they are not `known`.
-fn record<L: ControlLaw>(law: &L, [n_state, n_input]: [usize; 2], known: Option<&[f64]>) -> Recording {
-    let n_parameter = if known.is_some() { 0 } else { law.parameters().len() };
-    let cuts = [n_state, law.n_target(), law.n_tick(), n_parameter];
-    Recording::of(cuts.iter().sum::<usize>() + law.memory().len(), |z| {
-        let (state, z) = z.split_at(cuts[0]);
-        let (target, z) = z.split_at(cuts[1]);
-        let (ticks, z) = z.split_at(cuts[2]);
-        let (parameters, memory) = z.split_at(cuts[3]);
-        let known: Option<Vec<Trace>> = known.map(|known| known.iter().map(|x| Scalar::constant(*x)).collect());
-        let parameters = known.as_deref().unwrap_or(parameters);
-        let mut memory = memory.to_vec();
-        let mut commands = vec![Scalar::zero(); n_input];
-        law.tick(&LawInput { state, target, ticks, parameters }, &mut memory, &mut commands);
-        memory.append(&mut commands);
-        memory
-    })
-}
-
-impl RecordedLaw {
-    fn of<L: ControlLaw>(law: Arc<L>, plant: &Plant, parameters: &[f64]) -> Result<Self> {
-        let parameters = if parameters.is_empty() { law.parameters() } else { parameters.to_vec() };
-        let sizes = [plant.n_state(), plant.n_input()];
-        let program = Arc::new(Program::compile(&record(&*law, sizes, None))?);
-        let own = law.clone();
-        let record = Arc::new(move |known: &[f64]| record(&*own, sizes, Some(known)));
-        Ok(Self { law, program, parameters, record })
-    }
-
-    /// A tick with its parameters as constants: state, target, ticks and memory in, memory and the plant's input out.
-    #[doc(hidden)]
-    pub fn recording(&self) -> Recording {
-        (self.record)(&self.parameters)
-    }
-
-    /// Instructions of one tick.
-    pub fn len(&self) -> usize {
-        self.program.len()
-    }
-
-    /// Whether there is nothing to compute.
-    pub fn is_empty(&self) -> bool {
-        self.program.is_empty()
-    }
-}
-
-impl ControlLaw for RecordedLaw {
-    forward! { self.law;
-        fn name(&self) -> &str;
-        fn description(&self) -> String;
-        fn rate(&self) -> Option<f64>;
-        fn is_batched(&self) -> bool;
-        fn schedule(&self) -> Option<RateDivisors>;
-        fn filters(&self) -> &[FilterSettings];
-        fn tracked(&self, state: &[f64]) -> Kinematics<f64>;
-        fn n_target(&self) -> usize;
-        fn write_target(&self, target: Target<'_>, time: f64, row: &mut [f64]);
-        fn n_tick(&self) -> usize;
-        fn write_ticks(&self, tick: u64, ticks: &mut [f64]);
-        fn memory(&self) -> Vec<f64>;
-        fn commanded(&self, memory: &[f64]) -> Option<Commanded>;
-        fn parameter_names(&self) -> Vec<String>;
-    }
-
-    fn parameters(&self) -> Vec<f64> {
-        self.parameters.clone()
-    }
-    fn tick<S: Scalar>(&self, now: &LawInput<'_, S>, memory: &mut [S], commands: &mut [S]) {
-        let mut inputs = [now.state, now.target, now.ticks].concat();
-        if now.parameters.is_empty() {
-            inputs.extend(self.parameters.iter().map(|p| S::constant(*p)));
-        } else {
-            inputs.extend_from_slice(now.parameters);
-        }
-        inputs.extend_from_slice(memory);
-        let mut results = vec![S::zero(); memory.len() + commands.len()];
-        self.program.evaluate_over(&inputs, &mut results);
-        let (new, given) = results.split_at(memory.len());
-        memory.copy_from_slice(new);
-        commands.copy_from_slice(given);
     }
 }

@@ -18,6 +18,7 @@
 //! | `cascade`: [`Cascade`], [`CascadeMemory`] | all levels together, each at its own rate, entered at any of them |
 //! | `controller`: [`Controller`], [`Measurement`] | what a controller is: a measurement and a target in, commands out |
 //! | `law`: [`ControlLaw`], [`LawController`] | straight-line controllers, over any scalar |
+//! | `written_law`: [`WrittenLaw`], [`RecordedLaw`] | laws that are data: recorded once, computed over any scalar |
 //! | [`linear`] | linear systems: state space, responses, margins |
 //! | `cascade_law`: [`CascadeLaw`] | the cascade as such a law |
 //! | [`registry`] | which controller flies what |
@@ -25,6 +26,7 @@
 //! | `clocked_step` | the recorded step of a loop, compiled for each thing its clock says |
 //! | `confidence`: [`Proportion`], [`Quantile`] | exact bounds of shares and quantiles |
 //! | `monte_carlo`: [`MonteCarlo`], [`MonteCarloDraw`] | one loop over thousands of randomised plants |
+//! | `monte_carlo_plan`: [`MonteCarloPlan`], [`MonteCarloRun`] | the same by a plan: which numbers vary, and how far |
 //! | `recovery`: [`RecoveryCell`], [`RecoveryMap`] | from which starts a controller comes back, with confidence |
 //! | `start`: [`start_on()`] | where flights and drops begin |
 //! | `fault_tolerant`: [`FaultTolerant`] | the cascade that flies on with the rotors that are left, yaw sacrificed first |
@@ -103,6 +105,8 @@ pub(crate) mod load_flatness;
 pub mod locked_joints;
 #[doc(hidden)]
 pub mod monte_carlo;
+#[doc(hidden)]
+pub mod monte_carlo_plan;
 pub(crate) mod nominal_body;
 pub mod optimal;
 #[doc(hidden)]
@@ -130,6 +134,8 @@ pub mod transport_controller;
 pub mod vectored;
 #[doc(hidden)]
 pub mod velocity;
+#[doc(hidden)]
+pub mod written_law;
 
 pub use action::ActionScale;
 pub use allocation::{Assessment, Authority, Axis, Capability, FailureTable, Mixer, RotorFailure};
@@ -150,10 +156,11 @@ pub use hover_axes::HoverAxes;
 pub use hover_feedback::{HoverFeedback, HoverWeights};
 pub use indi::IndiLaw;
 pub use kinematics::Kinematics;
-pub use law::{ControlLaw, LawController, LawInput, RecordedLaw};
+pub use law::{ControlLaw, LawController, LawInput};
 pub use load_flatness::LoadFlatness;
 pub use locked_joints::LockedJoints;
 pub use monte_carlo::{MonteCarlo, MonteCarloDraw, MonteCarloResult, MonteCarloSummary};
+pub use monte_carlo_plan::{MonteCarloPlan, MonteCarloRun};
 pub use parameters::{BodyModel, CommandLimits, ForceLimits, GainSet};
 pub use platform_controller::PlatformController;
 pub use rate::RateCommand;
@@ -166,6 +173,7 @@ pub use state_feedback::{Lqr, LqrWeights};
 pub use transport_controller::{TiltLimits, TransportController};
 pub use vectored::{Vectored, vectored};
 pub use velocity::VelocityCommand;
+pub use written_law::{LawDescription, RecordedLaw, WrittenLaw};
 
 /// Examples of the documentation name things as users of `omnidrones` do.
 #[doc(hidden)]

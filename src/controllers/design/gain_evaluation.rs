@@ -2,10 +2,11 @@
 
 use super::margin_gate::truth;
 use super::tune_plan::TunePlan;
-use super::tuned_loop::{HELD_OUT, MeanSquaredError, VehicleLoop, inputs, plant_of, starts};
+use super::tuned_loop::{HELD_OUT, LoopOf, MeanSquaredError, inputs, plant_of, starts};
 use crate::cascade_law::CascadeLaw;
 use crate::closed_loop::ClosedLoop;
 use crate::controller::Target;
+use crate::law::{ControlLaw, LawController};
 use crate::monte_carlo::{MonteCarlo, MonteCarloDraw, MonteCarloResult};
 use crate::reference::Reference;
 use crate::start::start_on;
@@ -72,12 +73,21 @@ const LATE: f64 = 0.01;
 /// # Errors
 /// As [`tune`](super::tune()).
 pub fn elsewhere(vehicle: &Vehicle, gains: &Gains, plan: &TunePlan) -> Result<GainEvaluation> {
+    plan.n_step()?;
+    elsewhere_of(vehicle, ClosedLoop::of_vehicle(vehicle, plan.physics, gains, &plan.rates)?, plan)
+}
+
+/// The same of any law.
+pub(super) fn elsewhere_of<L: ControlLaw>(
+    vehicle: &Vehicle,
+    loop_of: LoopOf<L>,
+    plan: &TunePlan,
+) -> Result<GainEvaluation> {
     let n_step = plan.n_step()? as u64;
     let tuned_on = |name: &str| plan.references().any(|r| r.name() == name);
     let other = ["circle", "lemniscate", "step"].into_iter().find(|name| !tuned_on(name)).unwrap_or("hover");
     let reference = Reference::by_name(other)?;
     let late = plan.latency + (LATE / plan.physics.dt).round() as usize;
-    let loop_of = ClosedLoop::of_vehicle(vehicle, plan.physics, gains, &plan.rates)?;
     let system = loop_of.with_latency(late)?.with_physics();
     let body = [system.parameter("mass")?, system.parameter("inertia_xx")?];
     let of = |what: &str| -> Result<Vec<usize>> {
@@ -116,9 +126,19 @@ pub fn evaluate(vehicle: &Vehicle, gains: &Gains, plan: &TunePlan) -> Result<Gai
 
 /// The same along one reference: a number among those tuned on, then those held out.
 pub(super) fn evaluate_along(vehicle: &Vehicle, gains: &Gains, plan: &TunePlan, of: usize) -> Result<GainEvaluation> {
-    let loop_of = |truth: &Vehicle| -> Result<VehicleLoop> {
-        let law = CascadeLaw::new(vehicle, &plan.physics, gains, &plan.rates)?;
-        ClosedLoop::new(Plant::of_vehicle(truth, plan.physics)?, law.running())?.with_latency(plan.latency)
+    along_with(vehicle, &CascadeLaw::new(vehicle, &plan.physics, gains, &plan.rates)?, plan, of)
+}
+
+/// The same of any law.
+pub(super) fn along_with<L: ControlLaw + Clone>(
+    vehicle: &Vehicle,
+    law: &L,
+    plan: &TunePlan,
+    of: usize,
+) -> Result<GainEvaluation> {
+    let loop_of = |truth: &Vehicle| -> Result<LoopOf<L>> {
+        let plant = Plant::of_vehicle(truth, plan.physics)?;
+        ClosedLoop::new(plant, LawController::of(law.clone()))?.with_latency(plan.latency)
     };
     let believed = loop_of(vehicle)?;
     let reference = plan.all_references().nth(of).unwrap_or(&plan.reference);
@@ -139,7 +159,12 @@ pub(super) fn evaluate_along(vehicle: &Vehicle, gains: &Gains, plan: &TunePlan, 
 }
 
 /// RMSE of one flight, by code of its step where there is some; `None` if it crashed.
-fn flight_rmse(system: &VehicleLoop, mut code: Option<Forward>, start: &[f64], inputs: &[f64]) -> Option<f64> {
+fn flight_rmse<L: ControlLaw>(
+    system: &LoopOf<L>,
+    mut code: Option<Forward>,
+    start: &[f64],
+    inputs: &[f64],
+) -> Option<f64> {
     // a state and the one behind it, in turns
     let (mut states, mut sum) = ([start, start].concat(), 0.0);
     let steps = inputs.chunks_exact(system.n_input());

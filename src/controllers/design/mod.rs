@@ -18,6 +18,7 @@
 //! | `stability`: [`Stability`] | whether a loop settles, grows, or neither |
 //! | `trim`: [`Trim`], [`trim()`] | steady flights: hover, forward flight, turns, spins |
 //! | `tune_plan`, `mod@tune` | what gains are tuned on; gains by descent on flights |
+//! | `tune_law`: [`tune_law()`], [`LawTuning`] | the same of a law that is data |
 //! | `tuned_loop` | those flights: the loop over ln K, starts, plants |
 
 #[doc(hidden)]
@@ -46,6 +47,7 @@ mod stability;
 pub mod trim;
 #[doc(hidden)]
 pub mod tune;
+mod tune_law;
 mod tune_plan;
 mod tuned_loop;
 
@@ -63,3 +65,4 @@ pub use robustness::{PlantMargin, PlantUncertainty, Robustness, robustness};
 pub use stability::Stability;
 pub use trim::{Trim, TrimTarget, trim, trim_damaged, trim_from, trim_spin};
 pub use tune::{AlongReference, Descent, GainEvaluation, Iteration, TunePlan, Tuning, tune};
+pub use tune_law::{LawTuning, tune_law};

@@ -18,13 +18,15 @@ use super::margin_constraint::Constraint;
 use super::margin_gate::{Flown, MarginReport};
 pub use super::tune_plan::{MAX_STARTS, TunePlan};
 use super::tuned_loop::{LogGains, MeanSquaredError, TRAINING, gains_of, inputs, plant_of, starts};
+use crate::cascade_law::CascadeLaw;
 use crate::closed_loop::ClosedLoop;
+use crate::law::{ControlLaw, LawController};
 use crate::parameters::{GainSet, validate_gains};
 use crate::reference::Reference;
 use autodiff::batch_rollout::BatchRollout;
 use base::error::{Error, Result};
 use base::parallel::Threads;
-use dynamics::{Gains, Vehicle};
+use dynamics::{Gains, Plant, Vehicle};
 use serde::Serialize;
 use std::ops::ControlFlow;
 
@@ -124,7 +126,8 @@ pub fn tune(
     vehicle.check_steerable()?;
     validate_gains(gains)?;
     let threads = Threads::default();
-    let training = Training::new(vehicle, gains, plan)?;
+    let law = CascadeLaw::new(vehicle, &plan.physics, gains, &plan.rates)?;
+    let training = Training::new(vehicle, law, plan)?;
     let batch = BatchRollout::new(&training.system, &MeanSquaredError::over(plan.n_step()?))?;
     let mut descent = Descent::new(training.theta()?, plan.learning_rate, plan.iterations);
     let mut constraint = plan.margins.as_ref().map(|gate| Constraint::new(vehicle, gains, plan, gate)).transpose()?;
@@ -194,16 +197,16 @@ fn judged(
 }
 
 /// What is flown in every step of the descent.
-struct Training {
-    system: LogGains,
+pub(super) struct Training<L> {
+    pub system: LogGains<L>,
     /// Per reference: inputs `[T, m]` and starts `[n_start, n_state]`.
     flights: Vec<(Vec<f64>, Vec<f32>)>,
 }
 
-impl Training {
-    fn new(vehicle: &Vehicle, gains: &Gains, plan: &TunePlan) -> Result<Self> {
-        let n_step = plan.n_step()?;
-        let closed = ClosedLoop::of_vehicle(vehicle, plan.physics, gains, &plan.rates)?.with_latency(plan.latency)?;
+impl<L: ControlLaw> Training<L> {
+    pub fn new(vehicle: &Vehicle, law: L, plan: &TunePlan) -> Result<Self> {
+        let (n_step, plant) = (plan.n_step()?, Plant::of_vehicle(vehicle, plan.physics)?);
+        let closed = ClosedLoop::new(plant, LawController::of(law))?.with_latency(plan.latency)?;
         let drawn = plan.plant_spread > 0.0;
         let system = if drawn { LogGains::of_drawn_plants(closed, vehicle)? } else { LogGains::new(closed) };
         let flights = |(of, reference): (usize, &Reference)| -> Result<(Vec<f64>, Vec<f32>)> {
@@ -219,7 +222,7 @@ impl Training {
     }
 
     /// ln K to begin with.
-    fn theta(&self) -> Result<Vec<f64>> {
+    pub fn theta(&self) -> Result<Vec<f64>> {
         let mut theta = self.system.gains();
         if let Some(i) = theta.iter().take(GainSet::<f64>::DIM).position(|k| *k <= 0.0) {
             let remedy = "Steps are relative: start from a small gain.";
@@ -230,7 +233,7 @@ impl Training {
     }
 
     /// The root of the mean squared error, its mean over the references, and its gradient.
-    fn cost(&self, batch: &BatchRollout, theta: &[f64], threads: &Threads) -> Result<(f64, Vec<f64>)> {
+    pub fn cost(&self, batch: &BatchRollout, theta: &[f64], threads: &Threads) -> Result<(f64, Vec<f64>)> {
         let share = 1.0 / self.flights.len() as f64;
         let each = threads.map(self.flights.len(), |of| {
             let (inputs, starts) = &self.flights[of];

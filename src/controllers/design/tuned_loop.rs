@@ -10,7 +10,6 @@ use crate::closed_loop::ClosedLoop;
 use crate::controller::Target;
 use crate::hover_axes::HoverAxes;
 use crate::law::{ControlLaw, LawController};
-use crate::parameters::GainSet;
 use crate::reference::{Reference, Setpoint};
 use crate::start::start_on;
 use autodiff::{Objective, Scalar, System};
@@ -41,15 +40,15 @@ impl Objective for MeanSquaredError {
     }
 }
 
-/// Gains of a cascade with integral action.
-const MOST_GAINS: usize = GainSet::<f64>::DIM + 2;
+/// A vehicle under a law.
+pub(super) type LoopOf<L> = ClosedLoop<LawController<L>>;
 
 /// A vehicle under its cascade.
-pub(super) type VehicleLoop = ClosedLoop<LawController<CascadeLaw>>;
+pub(super) type VehicleLoop = LoopOf<CascadeLaw>;
 
 /// The closed loop with θ = ln K.
-pub(super) struct LogGains {
-    pub closed: VehicleLoop,
+pub(super) struct LogGains<L> {
+    pub closed: LoopOf<L>,
     drawn: Option<DrawnPlants>,
     n_gain: usize,
 }
@@ -63,15 +62,15 @@ struct DrawnPlants {
 /// Mass, inertia, motor lag.
 const N_FACTOR: usize = 3;
 
-impl LogGains {
+impl<L: ControlLaw> LogGains<L> {
     /// Of the plant as it is.
-    pub fn new(closed: VehicleLoop) -> Self {
+    pub fn new(closed: LoopOf<L>) -> Self {
         let n_gain = closed.law().parameters().len();
         Self { closed: closed.with_gains(), drawn: None, n_gain }
     }
 
     /// Of plants whose factors stand behind the state.
-    pub fn of_drawn_plants(closed: VehicleLoop, vehicle: &Vehicle) -> Result<Self> {
+    pub fn of_drawn_plants(closed: LoopOf<L>, vehicle: &Vehicle) -> Result<Self> {
         let n_gain = closed.law().parameters().len();
         let closed = closed.with_physics();
         let inertia = closed.parameter("inertia_xx")?;
@@ -92,7 +91,7 @@ impl LogGains {
     }
 }
 
-impl System for LogGains {
+impl<L: ControlLaw> System for LogGains<L> {
     fn n_state(&self) -> usize {
         self.closed.n_state() + if self.drawn.is_some() { N_FACTOR } else { 0 }
     }
@@ -103,22 +102,18 @@ impl System for LogGains {
         self.n_gain
     }
     fn step<S: Scalar>(&self, state: &[S], input: &[S], parameters: &[S], next: &mut [S]) {
-        let mut gains = [S::zero(); MOST_GAINS];
-        for (gain, log) in gains.iter_mut().zip(parameters) {
-            *gain = log.exp();
-        }
+        // this step is recorded, not run: it may allocate
+        let gains: Vec<S> = parameters.iter().map(|log| log.exp()).collect();
         let (n, mut theta) = (self.closed.n_state(), Vec::new());
-        let gains = &gains[..parameters.len()];
         if let Some(drawn) = &self.drawn {
-            // this step is recorded, not run: it may allocate
             theta.extend(drawn.nominal.iter().map(|v| S::constant(*v)));
             for (places, factor) in drawn.scaled.iter().zip(&state[n..]) {
                 places.iter().for_each(|k| theta[*k] *= *factor);
             }
-            theta.extend_from_slice(gains);
+            theta.extend_from_slice(&gains);
         }
         // one call: the whole step is inlined into it
-        let all = if self.drawn.is_some() { &theta[..] } else { gains };
+        let all = if self.drawn.is_some() { &theta } else { &gains };
         self.closed.step(&state[..n], input, all, &mut next[..n]);
         next[n..].copy_from_slice(&state[n..]);
     }
@@ -130,7 +125,7 @@ pub(super) fn gains_of(theta: &[f64]) -> Gains {
 }
 
 /// Inputs of the closed loop along a reference, row-major `[T, m]`.
-pub(super) fn inputs(system: &VehicleLoop, reference: &Reference, n_step: usize) -> Vec<f64> {
+pub(super) fn inputs<L: ControlLaw>(system: &LoopOf<L>, reference: &Reference, n_step: usize) -> Vec<f64> {
     let m = system.n_input();
     let mut rows = vec![0.0; n_step * m];
     for (k, row) in rows.chunks_exact_mut(m).enumerate() {
@@ -150,8 +145,8 @@ pub(super) fn plant_of(plan: &TunePlan, set: u64, of: usize, i: usize) -> Corner
 }
 
 /// Random starts around that of reference number `of` of a plan, one state of the loop after the other.
-pub(super) fn starts(
-    system: &VehicleLoop,
+pub(super) fn starts<L: ControlLaw>(
+    system: &LoopOf<L>,
     plan: &TunePlan,
     reference: &Reference,
     (set, of): (u64, usize),

@@ -2,7 +2,8 @@
 //!
 //! Each shape is a [`Curve`]: it writes its position and yaw once, over [`Scalar`](autodiff::Scalar); evaluated on a fifth-order [`Jet`] in
 //! time the same lines give velocity, acceleration, jerk and snap. Before t = 0 every shape here rests at its start. A
-//! curve of your own is a reference too ([`Reference::own`]), and so is anything else that gives samples ([`Trajectory`]).
+//! curve of your own is a reference too ([`Reference::own`]), as code or as data ([`WrittenCurve`]), and so is anything else that gives
+//! samples ([`Trajectory`]).
 
 mod carried;
 mod circle;
@@ -15,6 +16,7 @@ mod setpoint;
 mod tilt;
 mod trajectory;
 mod waypoints;
+mod written;
 
 pub use carried::{Carried, LoadPath};
 pub use circle::Circle;
@@ -27,6 +29,7 @@ pub use setpoint::Setpoint;
 pub use tilt::Tilt;
 pub use trajectory::{Curve, CustomTrajectory, Series, Trajectory};
 pub use waypoints::{MAX_WAYPOINTS, Waypoint, Waypoints};
+pub use written::WrittenCurve;
 
 use autodiff::Recording;
 use autodiff::jet::Jet;

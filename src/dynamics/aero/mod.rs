@@ -15,7 +15,7 @@ pub mod ground_effect;
 #[doc(hidden)]
 pub mod wind;
 
-pub use wind::{Dryden, Sinusoid, Wind, WindState};
+pub use wind::{Dryden, Sinusoid, Wind, WindState, WrittenWind};
 
 #[cfg(test)]
 mod test_dual;

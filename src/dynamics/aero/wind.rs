@@ -1,11 +1,14 @@
-//! Wind as a velocity of the air in the world: still, constant, sinusoidal, or Dryden gusts.
+//! Wind as a velocity of the air in the world: still, constant, sinusoidal, Dryden gusts, or a function of time of one's own.
 //!
 //! [`Wind`] is configuration; [`WindState`] samples it, with its own memory and random stream, so a wind depends on
 //! (configuration, stream, sequence of time steps) and nothing else, and can be saved in mid-gust.
 
+use autodiff::{Recording, Trace};
 use base::error::{Error, Result, finite};
 use rng::Stream;
 use serde::{Deserialize, Serialize};
+use std::fmt;
+use std::sync::Arc;
 
 /// Most harmonics of a [`Sinusoid`].
 pub(crate) const MAX_HARMONICS: usize = 1024;
@@ -30,6 +33,56 @@ pub enum Wind {
     Sinusoid(Sinusoid),
     /// A mean wind with turbulence.
     Dryden(Dryden),
+    /// Of your own: a value in a program, never in a file.
+    #[serde(skip)]
+    Own(WrittenWind),
+}
+
+/// A wind that is data: a closure, called once with a time that records. Two are equal if they are the same value.
+#[derive(Clone)]
+pub struct WrittenWind(Arc<Recording>);
+
+impl WrittenWind {
+    /// Records `wind`: from the time, s, to the velocity of the air, world, m/s.
+    ///
+    /// # Errors
+    /// That of `wind`; [`Error::Value`] for numbers that it kept from another recording.
+    pub fn new<E: From<Error>>(
+        wind: impl FnOnce(Trace) -> std::result::Result<[Trace; 3], E>,
+    ) -> std::result::Result<Self, E> {
+        let mut failed = None;
+        let recording = Recording::as_written(1, |time| match wind(time[0]) {
+            Ok(velocity) if velocity.iter().all(|number| number.is_live()) => velocity.to_vec(),
+            Ok(_) => {
+                let remedy = "Compute it of the time that the function is given.";
+                failed = Some(Error::value("a number of a wind", "of another recording", "of this one", remedy).into());
+                Vec::new()
+            }
+            Err(error) => {
+                failed = Some(error);
+                Vec::new()
+            }
+        });
+        failed.map_or(Ok(Self(Arc::new(recording))), Err)
+    }
+
+    fn velocity(&self, time: f64) -> [f64; 3] {
+        let mut velocity = [0.0; 3];
+        self.0.evaluate(&[time], &mut velocity);
+        velocity
+    }
+}
+
+impl PartialEq for WrittenWind {
+    fn eq(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.0, &other.0)
+    }
+}
+
+impl fmt::Debug for WrittenWind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "WrittenWind({} operations)", self.0.n_operation())
+    }
 }
 
 /// v(t) = mean + amplitude ∘ Σ_j sin(ω_j t), axis by axis.
@@ -146,6 +199,9 @@ impl Wind {
                 }
                 Ok(())
             }
+            Self::Own(own) => {
+                [0.0, 0.37, 1.0, 10.0].iter().try_for_each(|t| finite(&format!("wind at {t} s"), &own.velocity(*t)))
+            }
         }
     }
 }
@@ -200,6 +256,7 @@ impl WindState {
             Wind::Calm => [0.0; 3],
             Wind::Constant { velocity } => *velocity,
             Wind::Sinusoid(sinusoid) => sinusoid.velocity(self.time),
+            Wind::Own(own) => own.velocity(self.time),
             Wind::Dryden(dryden) => {
                 let s = dryden.intensity();
                 let [u, v, w] =
@@ -281,6 +338,7 @@ fn correlated(q: [f64; 3], noise: [f64; 2]) -> [f64; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use autodiff::Scalar;
     use rng::Purpose;
 
     fn stream(environment: u64) -> Stream {
@@ -289,6 +347,20 @@ mod tests {
 
     /// Low and fast, so that the longest correlation time (L_u/V = 1.4 s) fits often into a run.
     const GUSTS: Dryden = Dryden { mean: [3.0, 4.0, 0.0], wind_at_20_feet: 10.0, height: 3.048, airspeed: 20.0 };
+
+    #[test]
+    fn a_wind_of_ones_own_blows_as_it_was_written() {
+        let own = |t: Trace| Ok::<_, Error>([2.0 + t.sin_cos().0, 0.5 * t, Trace::zero()]);
+        let mut state = WindState::new(Wind::Own(WrittenWind::new(own).unwrap()), stream(0)).unwrap();
+        for k in 1..50 {
+            let time = state.time() + 0.1;
+            assert_eq!(state.sample(0.1), [2.0 + time.sin(), 0.5 * time, 0.0], "step {k}");
+        }
+        let failed = WrittenWind::new(|_| Err::<[Trace; 3], _>(Error::value("it", 1, "2", "")));
+        assert!(failed.unwrap_err().to_string().starts_with("it is 1"));
+        let wild = Wind::Own(WrittenWind::new(|t: Trace| Ok::<_, Error>([t.recip(), t, t])).unwrap());
+        assert!(wild.validate().unwrap_err().to_string().contains("wind at 0 s"));
+    }
 
     /// Gusts in their own frame, in units of σ, every `dt`.
     fn gusts(dryden: Dryden, dt: f64, n: usize) -> Vec<[f64; 3]> {

@@ -531,5 +531,6 @@ fn describe_wind(wind: &Wind) -> Option<(&'static str, String)> {
             let gusts = d.intensity().map(|s| short(s, 2)).join(", ");
             Some(("Dryden", format!("mean {} m/s, gusts of {gusts} m/s rms along, across, up", three(&d.mean))))
         }
+        Wind::Own(_) => Some(("own", "a function of time".into())),
     }
 }
