@@ -33,6 +33,7 @@
 //! | `minibatch`, `critic` | the gradient of a sum over rows; a value function |
 //! | [`actor_critic`] | what SAC and TD3 share |
 //! | `replay`, `priorities`, `experience` | steps that are kept, how often they are drawn, who flies and draws them |
+//! | `task_record` | the task of a run, where it is none of Rust's |
 //! | `target_network` | a network with the one that follows it |
 //! | `sequences`, `recall` | the gradient through time; what policies with memory remember |
 //! | `gae`, `value_loss`, `value_norm`, `schedule` | advantages, losses and scales of values, rates |
@@ -123,6 +124,7 @@ pub mod shards;
 #[doc(hidden)]
 pub mod state;
 pub(crate) mod target_network;
+mod task_record;
 pub mod td3;
 pub(crate) mod tensorboard;
 #[doc(hidden)]

@@ -5,6 +5,7 @@ use super::config::TrainConfig;
 use super::config_diff::{config_diff, described};
 use super::policy::Policy;
 use super::state;
+use super::task_record::register_task;
 use base::error::{Error, Result};
 use std::path::{Path, PathBuf};
 use tasks::{Env, EnvConfig, ObservationTransform, Spec, Statistics};
@@ -117,6 +118,7 @@ pub fn load_policy(path: impl AsRef<Path>) -> Result<SavedPolicy> {
     };
     let Checkpoint { manifest, policy, state } = checkpoint;
     let file = folder.join("manifest.json").display().to_string();
+    register_task(&state)?;
     let config = TrainConfig::from_toml(&manifest.config, &file)?;
     let env = Env::make(&manifest.task, &EnvConfig { n_env: 1, ..config.seen_env() })?;
     let policy = policy_of(&config, env.spec(), &policy, &state)?;

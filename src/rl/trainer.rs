@@ -35,6 +35,7 @@ use super::policy::Policy;
 use super::policy_io::put_policy;
 use super::predecessor::SAFE;
 use super::state;
+use super::task_record::put_task;
 use super::warm_start::WarmStart;
 use autodiff::native;
 use base::error::{Error, Result};
@@ -187,7 +188,8 @@ impl Trainer {
             let remedy = format!("Train {}, or take settings of {task}.", config.task);
             return Err(Error::value("task of the settings", config.task, format!("{task}, which is trained"), remedy));
         }
-        let config = TrainConfig { task: task.into(), ..config };
+        let env = registry::by_name(task)?.pinned(config.env)?;
+        let config = TrainConfig { task: task.into(), env, ..config };
         let learner = config.learner(task, &threads)?;
         let since = Since::new(0, 0.0);
         let difficulty = difficulty(task, &config)?;
@@ -520,6 +522,7 @@ impl Trainer {
         let own = self.learner.policy()?;
         self.learner.save(&mut policy, &mut state)?;
         put_policy(&own, &mut policy, &mut state)?;
+        put_task(self.task, &self.config.env, &mut state)?;
         if let Some(difficulty) = &self.difficulty {
             difficulty.save(&mut state)?;
         }

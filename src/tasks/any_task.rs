@@ -118,6 +118,15 @@ pub(crate) fn declare(task: &dyn Task) -> Result<TaskSpec> {
     let EpisodeStart { state, numbers, goal, .. } = ideal;
     let with = |n: usize| Snapshot::of(robot, robot.plant(), &numbers, &state, &goal, vec![0.0; n]);
     let n_kept = |n| with(n).ask(robot, |view| Writer::written(|out| task.remember(view, out)).numbers().len());
+    let n = n_task_state(n_kept)?;
+    with(n).ask(robot, |view| declared(task, view, fields))
+}
+
+/// How many numbers a task keeps, where it keeps `n_kept` if it is shown so many.
+///
+/// # Errors
+/// [`Error::Limit`] above [`MAX_TASK_STATE`]; [`Error::Value`] where it keeps others of fewer.
+pub(crate) fn n_task_state(n_kept: impl Fn(usize) -> usize) -> Result<usize> {
     let n = n_kept(MAX_TASK_STATE);
     if n > MAX_TASK_STATE {
         return Err(Error::limit("numbers of the task state", n, MAX_TASK_STATE, "Keep fewer."));
@@ -126,7 +135,7 @@ pub(crate) fn declare(task: &dyn Task) -> Result<TaskSpec> {
         let limit = format!("{n}, whatever the view shows of them");
         return Err(Error::value("numbers of the task state", n_kept(n), limit, "Keep equally many in every step."));
     }
-    with(n).ask(robot, |view| declared(task, view, fields))
+    Ok(n)
 }
 
 fn declared(task: &dyn Task, view: &View<'_, Trace>, goal: Vec<Field>) -> Result<TaskSpec> {
@@ -185,7 +194,7 @@ fn named(what: &str, mut fields: Vec<Field>, settings: &[Setting]) -> Result<Vec
         }
         let Field { name, size, layout, .. } = &fields[i];
         let shape = layout.shape(*size);
-        if shape.iter().product::<usize>() != *size {
+        if shape.iter().try_fold(1_usize, |n, own| n.checked_mul(*own)) != Some(*size) {
             let (what, limit) = (format!("shape of {what} '{name}'"), format!("of its {size} numbers"));
             return Err(Error::value(what, format!("{shape:?}"), limit, "Write as many numbers as the shape has."));
         }

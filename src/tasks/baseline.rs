@@ -11,6 +11,7 @@ use super::task::TaskReference;
 use base::error::{Error, Result};
 use controllers::cascade::Level;
 use controllers::optimal::MpcSettings;
+use controllers::{ControlLaw, WrittenLaw};
 
 /// One controller per environment.
 pub struct Baseline {
@@ -49,7 +50,7 @@ impl Baseline {
     /// # Errors
     /// As [`new`](Self::new), and for a name that there is not or a robot that it is not made for.
     pub fn with_controller(env: &Env, name: &str) -> Result<Self> {
-        Self::made(env, Some(Asked { name: name.to_string(), mpc: None }))
+        Self::made(env, Some(Asked::Named { name: name.to_string(), mpc: None }))
     }
 
     /// Likewise with one that plans, `mpc` or `mpc_indi`, by these settings.
@@ -64,7 +65,24 @@ impl Baseline {
             let remedy = "Leave `latency` out, or delay the commands of the task.";
             return Err(Error::value("mpc: latency", settings.latency, rule, remedy));
         }
-        Self::made(env, Some(Asked { name: name.to_string(), mpc: Some(Box::new(settings.clone())) }))
+        Self::made(env, Some(Asked::Named { name: name.to_string(), mpc: Some(Box::new(settings.clone())) }))
+    }
+
+    /// Likewise with a law that is data, recorded for the plant of the environment's [robot](Env::robot); it knows the nominal numbers, not
+    /// those of an episode.
+    ///
+    /// # Errors
+    /// As [`with_controller`](Self::with_controller); as [`ControlLaw::check_plant`], and [`Error::Value`] for a law that does not tick in
+    /// every step.
+    pub fn with_law(env: &Env, law: &WrittenLaw) -> Result<Self> {
+        let dt = env.spec().dt;
+        if law.rate().is_some_and(|rate| (rate * dt - 1.0).abs() > 1e-9) {
+            let (what, rule) =
+                (format!("rate of controller '{}'", law.name()), format!("{} Hz, a tick in each step", 1.0 / dt));
+            let remedy = "Leave `rate` out, and give `levels` rates of their own.";
+            return Err(Error::value(what, law.rate().unwrap_or(0.0), rule, remedy));
+        }
+        Self::made(env, Some(Asked::Written(Box::new(law.clone()))))
     }
 
     fn made(env: &Env, asked: Option<Asked>) -> Result<Self> {

@@ -8,15 +8,30 @@ use controllers::controller::{Controller, Measurement, Target};
 use controllers::kinematics::Kinematics;
 use controllers::optimal::MpcSettings;
 use controllers::registry::{REGISTRY, Setup, controller, default_controller, swift};
+use controllers::{ControlLaw, LawController, WrittenLaw};
 use dynamics::rigid::{RIGID_DIM, vehicle_of};
 use dynamics::tree::Model;
 use dynamics::{Inertia, Plant, Rotor, Vehicle};
 
-/// A controller of the registry in place of the usual ones.
-pub(crate) struct Asked {
-    pub name: String,
-    /// How `mpc` plans; without, as suits what flies.
-    pub mpc: Option<Box<MpcSettings>>,
+/// A controller in place of the usual ones.
+pub(crate) enum Asked {
+    /// Of the registry.
+    Named {
+        name: String,
+        /// How `mpc` plans; without, as suits what flies.
+        mpc: Option<Box<MpcSettings>>,
+    },
+    /// One that is data, recorded for the plant that it is in every environment.
+    Written(Box<WrittenLaw>),
+}
+
+impl Asked {
+    fn name(&self) -> &str {
+        match self {
+            Self::Named { name, .. } => name,
+            Self::Written(law) => law.name(),
+        }
+    }
 }
 
 /// Controllers of everything that flies in one environment, all levels in every step.
@@ -57,12 +72,20 @@ impl BaselineControllers {
         }
     }
 
-    fn asked(robot: &Robot, numbers: &[f64], dt: f64, Asked { name, mpc }: &Asked) -> Result<Self> {
-        let n_tree = robot.plant().roots().len();
-        if n_tree > 1 && REGISTRY.iter().any(|entry| entry.name == name) {
+    fn asked(robot: &Robot, numbers: &[f64], dt: f64, asked: &Asked) -> Result<Self> {
+        let (n_tree, name) = (robot.plant().roots().len(), asked.name());
+        let is_known = matches!(asked, Asked::Written(_)) || REGISTRY.iter().any(|entry| entry.name == name);
+        if n_tree > 1 && is_known {
             let (what, rule) = (format!("controller '{name}': trees of bodies"), "1: it leads one reference");
             return Err(Error::value(what, n_tree, rule, "Leave it out: a cascade flies each drone."));
         }
+        let mpc = match asked {
+            Asked::Named { mpc, .. } => mpc,
+            Asked::Written(law) => {
+                law.check_plant(robot.plant())?;
+                return Ok(Self::Joined(Box::new(LawController::of(WrittenLaw::clone(law)))));
+            }
+        };
         let known = match robot.plant() {
             Plant::Rigid(m) => Plant::of_vehicle(&vehicle_of(m.vehicle(), numbers)?, *m.physics())?,
             Plant::Tree(m) => Plant::of_model(&with_numbers(m.model(), numbers)?, *m.physics())?,

@@ -150,6 +150,10 @@ pub struct EnvConfig {
     /// A vehicle of one's own, which the task's setting `vehicle` names like a built-in one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub own_vehicle: Option<Vehicle>,
+    /// Of a task that was written down, which record: [`TaskRecord::id`](super::written::TaskRecord::id). Environments say it of
+    /// themselves; empty, the default: the newest one that fits.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub task_record: String,
     /// The task's own settings.
     pub task: toml::Table,
 }
@@ -190,6 +194,7 @@ impl Default for EnvConfig {
             info: None,
             memory_limit: MEMORY_LIMIT,
             own_vehicle: None,
+            task_record: String::new(),
             task: toml::Table::new(),
         }
     }
@@ -238,7 +243,7 @@ impl EnvConfig {
             ..Self::default()
         };
         let told = toml::Table::try_from(whole).unwrap_or_default();
-        told.keys().cloned().chain(["own_vehicle".into()]).collect()
+        told.keys().cloned().chain(["own_vehicle", "task_record"].map(String::from)).collect()
     }
 
     /// The changes between environments and episodes, as far as the configuration says.

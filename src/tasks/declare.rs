@@ -2,7 +2,7 @@
 //!
 //! When an environment is made, the task writes everything once in its ideal state, and the names are kept: that is its
 //! [`TaskSpec`](super::TaskSpec). When a step is recorded, the numbers are.
-//! Words are constants; `{key}` in them stands for the value of a setting, `{×key}` for a factor.
+//! `{key}` in them stands for the value of a setting, `{×key}` for a factor.
 
 use super::task_spec::{End, Field, FieldLayout, Smoothness};
 use autodiff::{Scalar, Trace, TraceMask};
@@ -71,11 +71,37 @@ impl<S> Writer<S> {
     }
 
     /// The numbers to come are a field of this name, unit (with the frame) and meaning.
-    pub fn field(&mut self, name: &'static str, unit: &'static str, meaning: &'static str) -> &mut Self {
+    pub fn field(&mut self, name: impl Into<String>, unit: impl Into<String>, meaning: impl Into<String>) -> &mut Self {
         if !self.is_muted {
             self.fields.push(Field::new(name, 0, unit, meaning));
         }
         self
+    }
+
+    /// Fields with their numbers, as another writer took them.
+    pub(crate) fn write(&mut self, fields: &[Field], numbers: impl IntoIterator<Item = S>) {
+        if self.is_muted {
+            return self.array(numbers);
+        }
+        self.fields.extend_from_slice(fields);
+        self.numbers.extend(numbers);
+    }
+
+    /// What the numbers are so far.
+    #[doc(hidden)]
+    pub fn named(&self) -> Vec<Field> {
+        self.fields.clone()
+    }
+
+    /// The numbers, without their names.
+    #[doc(hidden)]
+    pub fn into_numbers(self) -> Vec<S> {
+        self.numbers
+    }
+
+    /// What was written: numbers, and what they are.
+    pub(crate) fn parts(self) -> (Vec<S>, Vec<Field>) {
+        (self.numbers, self.fields)
     }
 
     /// Each number of the field lies within [`low`, `high`].
@@ -120,12 +146,12 @@ impl<S> Writer<S> {
 
     /// The number to come is a summand of the reward between 0 and `bound`; where it may be less, [`within`](Self::within) gives
     /// its least value.
-    pub fn term(&mut self, name: &'static str, formula: &'static str, bound: f64) -> &mut Self {
+    pub fn term(&mut self, name: impl Into<String>, formula: impl Into<String>, bound: f64) -> &mut Self {
         self.field(name, "-", formula).within(0.0, bound)
     }
 
     /// The next number is a figure that is reported in every step, in this unit.
-    pub fn metric(&mut self, name: &'static str, unit: &'static str, value: S) {
+    pub fn metric(&mut self, name: impl Into<String>, unit: impl Into<String>, value: S) {
         self.field(name, unit, "now").number(value);
     }
 
@@ -146,7 +172,7 @@ pub struct Ends {
 
 impl Ends {
     /// The next reason, and when it holds.
-    pub fn when(&mut self, name: &'static str, condition: &'static str, mask: TraceMask) {
+    pub fn when(&mut self, name: impl Into<String>, condition: impl Into<String>, mask: TraceMask) {
         self.ends.push(End { name: name.into(), condition: condition.into() });
         self.masks.push(mask);
     }
@@ -156,20 +182,21 @@ impl Ends {
 #[derive(Debug, Default)]
 pub struct Loss {
     pub(crate) formulas: Vec<String>,
-    sum: Option<Trace>,
+    pub(crate) summands: Vec<Trace>,
 }
 
 impl Loss {
     /// The next one and its formula, in the symbols of [`TaskSpec::about`](super::TaskSpec::about).
-    pub fn add(&mut self, formula: &'static str, value: Trace) {
+    pub fn add(&mut self, formula: impl Into<String>, value: Trace) {
         self.formulas.push(formula.into());
-        // not from zero, which recordings would add
-        self.sum = Some(self.sum.map_or(value, |sum| sum + value));
+        self.summands.push(value);
     }
 
     /// The sum, cut at `most`.
     pub(crate) fn cut(&self, most: f64) -> Trace {
-        self.sum.map_or(Trace::zero(), |sum| sum.min(Trace::constant(most)))
+        // not from zero, which recordings would add
+        let sum = self.summands.iter().copied().reduce(|sum, value| sum + value);
+        sum.map_or(Trace::zero(), |sum| sum.min(Trace::constant(most)))
     }
 }
 
@@ -190,6 +217,16 @@ impl<'a, S> Goal<'a, S> {
     /// That keeps names.
     pub(crate) fn named(numbers: &'a mut Vec<S>) -> Self {
         Self { numbers, at: 0, names: Some(Writer::default()) }
+    }
+
+    /// That goes on where another was [left](Self::left).
+    pub(crate) fn going_on(numbers: &'a mut Vec<S>, at: usize, names: Option<Writer<S>>) -> Self {
+        Self { numbers, at, names }
+    }
+
+    /// Where it is, and the names so far.
+    pub(crate) fn left(self) -> (usize, Option<Writer<S>>) {
+        (self.at, self.names)
     }
 
     /// Those that were kept.
@@ -223,14 +260,25 @@ impl<S: Copy> Goal<'_, S> {
         self.names.iter_mut().for_each(|names| names.number(value));
     }
 
+    /// Fields with their numbers, as another goal took them.
+    pub(crate) fn write(&mut self, fields: &[Field], numbers: impl IntoIterator<Item = S>) {
+        // sizes of fields are counted from their numbers
+        let names = self.names.take();
+        self.array(numbers);
+        self.names = names;
+        self.names.iter_mut().for_each(|names| names.write(fields, []));
+    }
+
     /// The next numbers.
     pub fn array<X: Into<S>>(&mut self, values: impl IntoIterator<Item = X>) {
         values.into_iter().for_each(|value| self.number(value));
     }
 
     /// The numbers to come are a field of this name, unit (with the frame) and meaning.
-    pub fn field(&mut self, name: &'static str, unit: &'static str, meaning: &'static str) -> &mut Self {
-        self.names.iter_mut().for_each(|names| _ = names.field(name, unit, meaning));
+    pub fn field(&mut self, name: impl Into<String>, unit: impl Into<String>, meaning: impl Into<String>) -> &mut Self {
+        if let Some(names) = &mut self.names {
+            names.field(name, unit, meaning);
+        }
         self
     }
 

@@ -11,6 +11,7 @@
 //! | [`settings!`](crate::settings!) | `settings!`: what `[task]` sets, each number stated once |
 //! | `robot` | [`Robot`]: what flies, its drones and where their numbers stand |
 //! | [`reward`], `track_path` | shapes that rewards are made of; the lemniscate of the Track tasks |
+//! | `clearance`, `grove` | how far away things are from what flies; a forest that stands elsewhere in every episode |
 //! | `config`: [`ActionSpace`], [`Autoreset`] | [`EnvConfig`]: a batch as plain data, in TOML too |
 //! | `bounds` | [`Bounds`]: how far a simulation may go |
 //! | `env`: [`Finding`], [`SingleEnv`] | [`Env`]: many environments of one task; steps, restarts, gradients |
@@ -18,6 +19,7 @@
 //! | `randomise`: [`Distribution`], [`RandomisationOperation`] | [`Randomisation`]: what differs between environments and episodes |
 //! | `baseline` | [`Baseline`]: the library's controllers as policies |
 //! | `evaluate`, `record` | how well a policy does, from fixed starts; step by step |
+//! | [`written`] | tasks as data, asked once for everything: how tasks of other languages come in |
 //! | `probe` | tasks whose value is known in closed form |
 //!
 //! What every number means (arrays, frames, actions, the order within a step, what to bootstrap from) is said in
@@ -134,6 +136,7 @@ pub(crate) mod baseline;
 pub(crate) mod baseline_controllers;
 #[doc(hidden)]
 pub mod bounds;
+pub(crate) mod clearance;
 #[doc(hidden)]
 pub mod config;
 #[doc(hidden)]
@@ -143,6 +146,7 @@ pub mod env;
 pub(crate) mod evaluate;
 #[doc(hidden)]
 pub mod groups;
+pub(crate) mod grove;
 pub(crate) mod mass_groups;
 #[doc(hidden)]
 pub mod observation;
@@ -164,6 +168,7 @@ pub(crate) mod task;
 #[doc(hidden)]
 pub mod task_spec;
 pub(crate) mod track_path;
+pub mod written;
 
 pub use activity::{Activity, EpisodeActivity};
 pub use baseline::Baseline;
@@ -180,15 +185,20 @@ pub use env::{
 pub use env::{ShownBeside, TaskFunctions};
 pub use evaluate::{EpisodeRows, Evaluation, EvaluationStep, PolicyFn, evaluate, wilson};
 pub use groups::{Dtype, Group, GroupKind};
+#[doc(hidden)]
+pub use grove::Grove;
 pub use observation::{ObservationTransform, Statistics};
 pub use randomise::{Distribution, Randomisation, RandomisationOperation, RandomisationTime, RandomisedQuantity};
 pub use record::{Record, RecordedStep, Spread};
 pub use registry::BuiltIn;
 pub use robot::{Inertial, Robot};
 pub use settings::{Setting, SettingDomain, Settings};
-pub use start::{ANY_YAW, Draw, Draws, START_TILT, Start, StartScalar};
+pub use start::{ANY_YAW, Draw, Draws, ManyDraw, START_TILT, Start, StartScalar};
+#[doc(hidden)]
+pub use suite::assignment::assignment;
 pub use task::{HostStart, Task, TaskReference, View};
 pub use task_spec::{End, Field, FieldLayout, Limit, Metric, Smoothness, Success, TaskSpec, Term};
+pub use track_path::{Follow, PathRange, TrackPath};
 
 /// Examples of the documentation name things as users of `omnidrones` do.
 #[doc(hidden)]

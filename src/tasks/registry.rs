@@ -27,9 +27,12 @@ use super::suite::transport_fly_through::TransportFlyThrough;
 use super::suite::transport_hover::TransportHover;
 use super::suite::transport_track::TransportTrack;
 use super::suite::variants;
+use super::task::Task;
+use super::written::{TaskRecord, keep_record, record_of};
 use base::error::{Error, Result};
 use base::layers::{self, Layer};
-use std::sync::{PoisonError, RwLock};
+use std::fmt;
+use std::sync::{Arc, PoisonError, RwLock};
 
 /// One line of the registry.
 #[derive(Debug, Clone, Copy)]
@@ -44,15 +47,53 @@ pub struct TaskEntry {
     pub defaults: &'static str,
     /// What a variant has of its own, in words; empty otherwise.
     pub own: &'static str,
-    make: fn(&str, &EnvConfig) -> Result<Env>,
+    make: Make,
+}
+
+/// How a task is made.
+#[derive(Clone, Copy)]
+enum Make {
+    Of(fn(&EnvConfig) -> Result<Box<dyn Task>>),
+    Source(&'static RwLock<Arc<dyn TaskSource>>),
+}
+
+impl fmt::Debug for Make {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(if matches!(self, Self::Of(_)) { "built in" } else { "registered" })
+    }
+}
+
+/// Writes tasks down that are no types of Rust.
+pub trait TaskSource: Send + Sync {
+    /// The task with the settings of a configuration, over [`defaults`](Self::defaults).
+    ///
+    /// # Errors
+    /// What speaks against the configuration or the task.
+    fn record(&self, config: &EnvConfig) -> Result<Arc<TaskRecord>>;
+
+    /// Keys of its settings.
+    ///
+    /// # Errors
+    /// What speaks against them.
+    fn setting_keys(&self) -> Result<Vec<String>>;
+
+    /// The task's own defaults, over those of [`EnvConfig`].
+    fn defaults(&self) -> toml::Table {
+        toml::Table::new()
+    }
+
+    /// One line for tables.
+    fn description(&self) -> String {
+        String::new()
+    }
 }
 
 const fn entry<T: BuiltIn>(name: &'static str, family: &'static str, description: &'static str) -> TaskEntry {
-    TaskEntry { name, family, description, defaults: "", own: "", make: make::<T> }
+    TaskEntry { name, family, description, defaults: "", own: "", make: Make::Of(make::<T>) }
 }
 
-fn make<T: BuiltIn>(name: &str, config: &EnvConfig) -> Result<Env> {
-    Env::of(T::new(config)?, name, config)
+fn make<T: BuiltIn>(config: &EnvConfig) -> Result<Box<dyn Task>> {
+    Ok(Box::new(T::new(config)?))
 }
 
 impl TaskEntry {
@@ -112,13 +153,90 @@ impl TaskEntry {
     /// # Errors
     /// As [`Env::of`].
     pub fn env(&self, config: &EnvConfig) -> Result<Env> {
+        let own = self.pinned(self.over_defaults(config)?)?;
+        Env::of_task(self.task_of(&own)?, self.name, &own)
+    }
+
+    /// The task of that configuration.
+    ///
+    /// # Errors
+    /// As [`Self::env`].
+    pub fn task(&self, config: &EnvConfig) -> Result<Box<dyn Task>> {
+        self.task_of(&self.pinned(self.over_defaults(config)?)?)
+    }
+
+    /// The configuration with the record that it means, where the task was written down: what a name stands for may change, a record
+    /// does not.
+    ///
+    /// # Errors
+    /// As [`TaskSource::record`].
+    pub fn pinned(&self, config: EnvConfig) -> Result<EnvConfig> {
+        let Make::Source(source) = &self.make else { return Ok(config) };
+        if !config.task_record.is_empty() {
+            return Ok(config);
+        }
+        let record = read(source).record(&self.over_defaults(&config)?)?;
+        Ok(EnvConfig { task_record: keep_record(&record)?, ..config })
+    }
+
+    /// The record of a configuration that names one.
+    ///
+    /// # Errors
+    /// [`Error::Unknown`] for one that nobody has read or written in this process.
+    pub fn record(&self, config: &EnvConfig) -> Result<Option<Arc<TaskRecord>>> {
+        match &self.make {
+            Make::Of(_) => Ok(None),
+            Make::Source(_) => record_of(self.name, &self.pinned(config.clone())?.task_record).map(Some),
+        }
+    }
+
+    fn task_of(&self, config: &EnvConfig) -> Result<Box<dyn Task>> {
+        match &self.make {
+            Make::Of(make) => make(config),
+            Make::Source(_) => Ok(Box::new(record_of(self.name, &config.task_record)?.task(config)?)),
+        }
+    }
+
+    /// Whether it is written down, not in Rust.
+    #[doc(hidden)]
+    pub fn is_source(&self) -> bool {
+        !self.is_in_rust()
+    }
+
+    /// Whether it is a task in Rust.
+    pub(crate) fn is_in_rust(&self) -> bool {
+        matches!(self.make, Make::Of(_))
+    }
+
+    /// Keys of the task's own settings.
+    ///
+    /// # Errors
+    /// Those of tasks that are not built in.
+    pub fn setting_keys(&self) -> Result<Vec<String>> {
+        match &self.make {
+            Make::Of(make) => Ok(make(&self.default_config()?)?.settings().into_iter().map(|own| own.key).collect()),
+            Make::Source(source) => read(source).setting_keys(),
+        }
+    }
+
+    /// One line for tables.
+    pub fn about(&self) -> String {
+        match &self.make {
+            Make::Of(_) => self.description.into(),
+            Make::Source(source) => read(source).description(),
+        }
+    }
+
+    /// A configuration over the task's own defaults.
+    #[doc(hidden)]
+    pub fn over_defaults(&self, config: &EnvConfig) -> Result<EnvConfig> {
         let (mut own, usual) = (config.clone(), self.default_config()?);
         own.randomise = own.randomise.or(usual.randomise);
         own.sensor = own.sensor.or(usual.sensor);
         for (key, value) in usual.task {
             own.task.entry(key).or_insert(value);
         }
-        (self.make)(self.name, &own)
+        Ok(own)
     }
 
     /// The configuration of layers, each over those before it, all over the task's own defaults.
@@ -132,7 +250,10 @@ impl TaskEntry {
     /// The task's own defaults as a table.
     #[doc(hidden)]
     pub fn default_table(&self) -> Result<toml::Table> {
-        Ok(Layer::of_text(self.defaults, self.name)?.table().clone())
+        match &self.make {
+            Make::Of(_) => Ok(Layer::of_text(self.defaults, self.name)?.table().clone()),
+            Make::Source(source) => Ok(read(source).defaults()),
+        }
     }
 
     /// The task's own defaults.
@@ -140,7 +261,7 @@ impl TaskEntry {
     /// # Errors
     /// None for the registry as it is: a test reads them all.
     pub fn default_config(&self) -> Result<EnvConfig> {
-        EnvConfig::from_toml(self.defaults, self.name)
+        layers::read(self.default_table()?, &[])
     }
 }
 
@@ -168,6 +289,44 @@ pub fn register<T: BuiltIn>(name: &'static str, description: &'static str) -> Re
     }
     own.push(Box::leak(Box::new(entry::<T>(name, "tasks of one's own", description))));
     Ok(())
+}
+
+/// Makes tasks of a source known by a name, in place of those of an earlier source of that name: who writes a task writes it more
+/// than once.
+///
+/// # Errors
+/// [`Error::Value`] for the name of a task in Rust (case does not matter), and for one that is none.
+pub fn register_source(name: &str, source: Arc<dyn TaskSource>) -> Result<&'static TaskEntry> {
+    let is_word = name.chars().all(|c| c.is_ascii_alphanumeric() || "_-+.".contains(c));
+    if !(is_word && name.starts_with(|c: char| c.is_ascii_alphabetic()) && name.len() <= LONGEST_NAME) {
+        let limit = format!("letters, digits, '_', '-', '+' and '.', a letter first, {LONGEST_NAME} at most");
+        return Err(Error::value("name of the task", format!("'{name}'"), limit, "Name it otherwise."));
+    }
+    let mut own = OWN.write().unwrap_or_else(PoisonError::into_inner);
+    let mut known = REGISTRY.iter().chain(own.iter().copied());
+    if let Some(known) = known.find(|known| known.name.eq_ignore_ascii_case(name)) {
+        let Make::Source(old) = &known.make else {
+            return Err(Error::value("name of the task", name, "one that is not taken", "Name it otherwise."));
+        };
+        let old = std::mem::replace(&mut *old.write().unwrap_or_else(PoisonError::into_inner), source);
+        let known = *known;
+        // what goes may call anything: not under the locks
+        drop(own);
+        drop(old);
+        return by_name(known.name);
+    }
+    let make = Make::Source(Box::leak(Box::new(RwLock::new(source))));
+    let (family, description) = ("tasks of one's own", "");
+    let entry = TaskEntry { name: name.to_string().leak(), family, description, defaults: "", own: "", make };
+    own.push(Box::leak(Box::new(entry)));
+    Ok(own[own.len() - 1])
+}
+
+/// Longest name of a task.
+const LONGEST_NAME: usize = 64;
+
+fn read(source: &RwLock<Arc<dyn TaskSource>>) -> Arc<dyn TaskSource> {
+    source.read().unwrap_or_else(PoisonError::into_inner).clone()
 }
 
 /// The names that [`by_name`] knows, built-in ones first.

@@ -10,7 +10,13 @@ pub fn rational_kernel<S: Scalar>(a: f64, squared: S) -> S {
 
 /// e^{−a‖v‖}: a tip at zero.
 pub fn exponential_kernel<S: Scalar, const N: usize>(a: f64, v: [S; N]) -> S {
-    (S::constant(-a) * safe::norm(v)).exp()
+    exponential_kernel_of(a, safe::squared_norm(v))
+}
+
+/// Of ‖v‖².
+#[doc(hidden)]
+pub fn exponential_kernel_of<S: Scalar>(a: f64, squared: S) -> S {
+    (S::constant(-a) * safe::sqrt(squared, safe::SQUARED_NORM_FLOOR)).exp()
 }
 
 /// ((u_z + 1)/2)².
@@ -25,13 +31,24 @@ pub fn still<S: Scalar>(angular_velocity: Vec3<S>) -> S {
 
 /// √(‖v‖² + δ²): a norm without a tip, for training losses.
 pub fn smooth_norm<S: Scalar, const N: usize>(v: [S; N], delta: f64) -> S {
-    (safe::squared_norm(v) + S::constant(delta * delta)).sqrt()
+    smooth_norm_of(safe::squared_norm(v), delta)
+}
+
+/// Of ‖v‖².
+#[doc(hidden)]
+pub fn smooth_norm_of<S: Scalar>(squared: S, delta: f64) -> S {
+    (squared + S::constant(delta * delta)).sqrt()
 }
 
 /// h_c(x) = 2‖x‖²/(1 + √(1 + ‖x‖²/c²)) = 2c² (√(1 + ‖x‖²/c²) − 1): ‖x‖² near 0, 2c‖x‖ far away, so that what tumbles does not
 /// outweigh all else in a training loss (pseudo-Huber; Charbonnier et al. 1997).
 pub fn pseudo_huber<S: Scalar, const N: usize>(x: [S; N], c: f64) -> S {
-    let squared = safe::squared_norm(x);
+    pseudo_huber_of(safe::squared_norm(x), c)
+}
+
+/// Of ‖x‖².
+#[doc(hidden)]
+pub fn pseudo_huber_of<S: Scalar>(squared: S, c: f64) -> S {
     let root = S::constant(1.0 / (c * c)).mul_add(squared, S::one()).sqrt();
     S::constant(2.0) * squared / (S::one() + root)
 }

@@ -287,7 +287,8 @@ impl Robot {
     }
 
     /// Where the nine numbers of each tree's disturbance stand in the input.
-    pub(crate) fn disturbances(&self) -> Vec<usize> {
+    #[doc(hidden)]
+    pub fn disturbances(&self) -> Vec<usize> {
         self.plant.disturbances()
     }
 }

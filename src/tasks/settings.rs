@@ -124,6 +124,44 @@ impl<T: Serialize + DeserializeOwned> SettingValue for T {
 /// Who visits every setting: key, unit, meaning, domain, and the setting itself.
 pub type Visit<'a> = dyn FnMut(String, [&'static str; 2], SettingDomain, &mut dyn SettingValue) -> Result<()> + 'a;
 
+/// Settings of a list, with what a table gives in place of defaults.
+///
+/// # Errors
+/// As [`Settings::of`].
+pub fn given(mut list: Vec<Setting>, table: &toml::Table) -> Result<Vec<Setting>> {
+    for own in &mut list {
+        let given = table.get(&own.key);
+        let Some(value) = given.map_or(Some(own.value.clone()), |given| like(&own.default, given)) else {
+            let (kind, key) = (own.default.type_str(), own.key.clone());
+            let rule = format!("{}: not of the kind of its default, {kind} {}", table[&own.key], own.default);
+            let remedy = format!("It is: {}.", own.meaning);
+            return Err(Error::Format { file: "[task]".into(), place: key, rule, remedy });
+        };
+        own.domain.check(&own.key, &value, &own.meaning)?;
+        own.value = value;
+    }
+    let known: Vec<String> = list.iter().map(|own| own.key.clone()).collect();
+    match table.keys().find(|key| !known.contains(key)) {
+        None => Ok(list),
+        Some(key) => Err(Error::unknown_key("[task]", key, &known)),
+    }
+}
+
+/// A value of the kind of another: whole numbers are numbers, lists are as long and as deep.
+fn like(default: &toml::Value, given: &toml::Value) -> Option<toml::Value> {
+    use toml::Value::{Array, Float, Integer};
+    match (default, given) {
+        (Float(_), Integer(n)) => Some(Float(*n as f64)),
+        (Integer(_), Float(x)) if x.fract() == 0.0 && x.abs() < 2f64.powi(53) => Some(Integer(*x as i64)),
+        (Array(default), Array(given)) if default.is_empty() => Some(Array(given.clone())),
+        (Array(default), Array(given)) => {
+            let pairs = given.iter().enumerate().map(|(i, own)| like(default.get(i).unwrap_or(&default[0]), own));
+            Some(Array(pairs.collect::<Option<_>>()?)).filter(|_| default.len() == given.len() || default[0].is_array())
+        }
+        (a, b) => a.same_type(b).then(|| given.clone()),
+    }
+}
+
 /// A struct of settings, as [`settings!`] makes it.
 pub trait Settings: Clone + Default {
     /// Visits every setting, in order; `prefix` stands before the keys.

@@ -6,11 +6,13 @@
 //! (assignments, searches) begins on the host: [`HostStart`](super::HostStart).
 
 use super::declare::Goal;
+use super::grove::{Grove, MAX_TRUNKS};
 use super::robot::Robot;
 use autodiff::{Scalar, Trace, TraceMask};
 use base::error::{Error, Result};
 use dynamics::spatial::{Quat, Vec3, from_euler, rotate};
 use rng::{Purpose, Stream, below, ln, normal, to_f32_below_one, unit};
+use serde::{Deserialize, Serialize};
 use std::cell::RefCell;
 use std::f64::consts::{PI, TAU};
 
@@ -25,11 +27,18 @@ pub trait StartScalar: Scalar + From<f64> + sealed::Sealed {
     /// Whether a truth holds that depends on no input of a recording.
     #[doc(hidden)]
     fn holds(mask: Self::Mask) -> bool;
+
+    /// Its value, where it depends on no input of a recording.
+    #[doc(hidden)]
+    fn value(self) -> Option<f64>;
 }
 
 impl StartScalar for f64 {
     fn holds(mask: bool) -> bool {
         mask
+    }
+    fn value(self) -> Option<f64> {
+        Some(self)
     }
 }
 
@@ -37,10 +46,13 @@ impl StartScalar for Trace {
     fn holds(mask: TraceMask) -> bool {
         flag::<Self>(mask).known() == Some(1.0)
     }
+    fn value(self) -> Option<f64> {
+        self.known()
+    }
 }
 
 /// What is drawn.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum Draw {
     /// Uniform in [0, 1).
     Unit,
@@ -55,7 +67,7 @@ pub enum Draw {
 }
 
 /// A draw that may be left out.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Drawing {
     pub draw: Draw,
     /// A unit draw comes before it; unless that is less than this, nothing is drawn.
@@ -149,10 +161,50 @@ impl Drawing {
     }
 }
 
+/// Draws of many numbers at once, by what makes them: on the host, since how many words they take depends on numbers.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", tag = "kind")]
+pub enum ManyDraw {
+    /// Where the trunks of a forest stand, of which the operand says how many do: [`Grove::place`].
+    Forest(Box<Grove>),
+}
+
+impl ManyDraw {
+    /// Most numbers of one.
+    const MOST: usize = 3 * MAX_TRUNKS;
+    const MOST_OPERANDS: usize = 1;
+
+    /// Numbers that it depends on.
+    pub fn n_operand(&self) -> usize {
+        match self {
+            Self::Forest(_) => 1,
+        }
+    }
+
+    /// Numbers that it draws.
+    pub fn n_drawn(&self) -> usize {
+        match self {
+            Self::Forest(grove) => 3 * grove.trunks().len(),
+        }
+    }
+
+    fn draw(&self, operands: &[f64], stream: &mut Stream, drawn: &mut [f64]) {
+        match self {
+            Self::Forest(grove) => grove.place(operands[0], stream, drawn),
+        }
+    }
+}
+
 /// Where numbers come from.
 pub(crate) trait Source<S: Scalar> {
     /// The next of a stream.
     fn draw(&mut self, stream: usize, drawing: Drawing) -> S;
+
+    /// A whole number below `n` that is none of `taken`.
+    fn draw_other(&mut self, stream: usize, n: u64, taken: &[S]) -> S;
+
+    /// Many at once, into `drawn`.
+    fn draw_many(&mut self, stream: usize, drawing: &ManyDraw, operands: &[S], drawn: &mut [S]);
 
     /// What follows may be drawn again, until it was drawn `most` times.
     fn begin_again(&mut self, most: usize);
@@ -165,6 +217,9 @@ pub(crate) trait Source<S: Scalar> {
         None
     }
 }
+
+/// How often a number is drawn again that is taken: with one of 32 free, all such draws fail once in e⁵⁰ times.
+const MOST_DRAWN: usize = 1600;
 
 /// Draws by streams, in `f64`: for starts on the host, and for recordings of which only constants are asked.
 pub(crate) struct Streams<const N: usize>([Stream; N]);
@@ -193,6 +248,25 @@ impl Streams<3> {
 impl<S: StartScalar, const N: usize> Source<S> for Streams<N> {
     fn draw(&mut self, stream: usize, drawing: Drawing) -> S {
         S::from(drawing.number(|| self.0[stream].next_u64()))
+    }
+
+    fn draw_other(&mut self, stream: usize, n: u64, taken: &[S]) -> S {
+        let mut drawn = below(self.0[stream].next_u64(), n) as f64;
+        for _ in 1..MOST_DRAWN {
+            if !taken.iter().any(|own| own.value() == Some(drawn)) {
+                break;
+            }
+            drawn = below(self.0[stream].next_u64(), n) as f64;
+        }
+        S::from(drawn)
+    }
+
+    fn draw_many(&mut self, stream: usize, drawing: &ManyDraw, operands: &[S], drawn: &mut [S]) {
+        let (mut known, mut numbers) = ([0.0; ManyDraw::MOST_OPERANDS], [0.0; ManyDraw::MOST]);
+        known.iter_mut().zip(operands).for_each(|(known, own)| *known = own.value().unwrap_or(f64::NAN));
+        let numbers = &mut numbers[..drawn.len()];
+        drawing.draw(&known[..operands.len()], &mut self.0[stream], numbers);
+        drawn.iter_mut().zip(numbers).for_each(|(own, number)| *own = S::from(*number));
     }
 
     fn begin_again(&mut self, _most: usize) {}
@@ -243,6 +317,22 @@ impl<'a, S: StartScalar> Draws<'a, S> {
     /// A whole number, uniform in 0..`n`; exact to 2²⁴.
     pub fn below(&mut self, n: u64) -> S {
         self.number(Draw::Below(n))
+    }
+
+    /// A whole number, uniform among those of 0..`n` that are none of `taken`, of which there are fewer: drawn again while it is. Only
+    /// where episodes begin on the host ([`HostStart`](super::HostStart)).
+    pub fn below_other_than(&mut self, n: u64, taken: &[S]) -> S {
+        self.source.borrow_mut().draw_other(self.stream, n, taken)
+    }
+
+    /// Many numbers at once into `drawn`, [`n_drawn`](ManyDraw::n_drawn) of them. Only where episodes begin on the host.
+    ///
+    /// # Panics
+    /// For another number of operands or drawn numbers.
+    pub fn many(&mut self, drawing: &ManyDraw, operands: &[S], drawn: &mut [S]) {
+        let sizes = (drawing.n_operand(), drawing.n_drawn());
+        assert_eq!((operands.len(), drawn.len()), sizes, "operands and numbers of a draw");
+        self.source.borrow_mut().draw_many(self.stream, drawing, operands, drawn);
     }
 
     /// Standard normal.
@@ -338,6 +428,21 @@ impl<'a, S: StartScalar> Start<'a, S> {
         Self { robot, state, goal, task_state, numbers, reset, task, once, event_at, difficulty, source }
     }
 
+    /// From a stream, by number.
+    pub(crate) fn draw(&mut self, stream: usize, drawing: Drawing) -> S {
+        self.source.borrow_mut().draw(stream, drawing)
+    }
+
+    /// See [`Draws::below_other_than`].
+    pub(crate) fn draw_other(&mut self, stream: usize, n: u64, taken: &[S]) -> S {
+        self.source.borrow_mut().draw_other(stream, n, taken)
+    }
+
+    /// See [`Draws::many`].
+    pub(crate) fn draw_many(&mut self, stream: usize, drawing: &ManyDraw, operands: &[S], drawn: &mut [S]) {
+        self.source.borrow_mut().draw_many(stream, drawing, operands, drawn);
+    }
+
     /// Draws again and again until what was drawn is accepted, once at least and `most` times at most: the last stays as it is. One
     /// such part in a recorded start and one in an event, whose streams have 256 words for every step, a uniform number two of them
     /// and a normal one four; what an attempt changes must not depend on what the one before it did.
@@ -375,6 +480,14 @@ impl<'a, S: StartScalar> Start<'a, S> {
         let attitude = self.robot.attitude_of_body(tree, attitude.map(Into::into));
         self.state[at..at + 3].copy_from_slice(&position.map(Into::into));
         self.state[at + 6..at + 10].copy_from_slice(&attitude);
+    }
+
+    /// Lets all rotors turn `factor` times as fast as they do, no faster than they can.
+    pub fn spin_up(&mut self, factor: impl Into<S>) {
+        let factor = factor.into();
+        for rotor in self.robot.drones().iter().flat_map(|drone| &drone.rotors) {
+            self.state[rotor.speed] = (factor * self.state[rotor.speed]).min(rotor.max_speed.into());
+        }
     }
 
     /// As [`Start::place`] such that the point `local` (m, root axes) of the root comes to `point` (m, world).

@@ -76,7 +76,7 @@ pub trait Task: Send + Sync {
     }
 
     /// Symbols, target and start of an episode, in words; `{key}` stands for the value of a setting.
-    fn about(&self) -> &'static str {
+    fn about(&self) -> &str {
         ""
     }
 

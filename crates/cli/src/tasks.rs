@@ -3,6 +3,7 @@
 use super::environment::{self, EnvArguments, QUANTITIES, usual_vehicle};
 use crate::prelude::*;
 use omnidrones::controllers::cascade::Level;
+use omnidrones::rl::load_policy;
 use omnidrones::tasks::randomise::RandomisationOperation;
 use omnidrones::tasks::registry::{self, REGISTRY, TaskEntry};
 use omnidrones::tasks::robot::{DAMPING, MOTOR_TIME_CONSTANT};
@@ -20,6 +21,7 @@ const EXAMPLES: &str = "\
 Examples:
   omnidrones tasks                              the list
   omnidrones tasks Hover                        one task in full
+  omnidrones tasks runs/Hover-apg-s0            that of a run, which may be written in Python
   omnidrones tasks Hover --control rate         what changes if actions are body rates and thrust
   omnidrones tasks OverHover --set n_drone=6    with six drones
   omnidrones tasks Hover --toml > hover.toml    a file to edit, for --config
@@ -40,7 +42,7 @@ Exit codes: 0 printed; 2 unusable input or arguments.";
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = EXAMPLES)]
 pub struct Arguments {
-    /// A task (case does not matter); without it, the list
+    /// A task (case does not matter), or the folder of a run for its task; without it, the list
     #[arg(value_name = "TASK")]
     task: Option<String>,
     #[command(flatten)]
@@ -60,14 +62,30 @@ fn build(entry: &TaskEntry, config: &EnvConfig) -> Result<Env> {
 
 /// Prints.
 pub fn run(a: &Arguments) -> Result<Report> {
-    let entry = a.task.as_deref().map(registry::by_name).transpose()?;
-    let config = a.environment.config(&EnvConfig::default(), entry)?;
+    let (entry, usual) = match a.task.as_deref() {
+        None => (None, EnvConfig::default()),
+        Some(named) => named_task(named).map(|(entry, usual)| (Some(entry), usual))?,
+    };
+    let config = a.environment.config(&usual, entry)?;
     let Some(entry) = entry else { return list(&config, a.json) };
     let task = Described::of(entry, config)?;
     if a.toml {
         return Ok(Report::done(environment::file(task.entry, &task.env, &task.config)?));
     }
     Ok(if a.json { Report::json(&task.json()?, true) } else { Report::page(&task.page()?, true) })
+}
+
+/// A task by name, or that of a run, in the environments of the run.
+fn named_task(named: &str) -> Result<(&'static TaskEntry, EnvConfig)> {
+    let unknown = match registry::by_name(named) {
+        Ok(entry) => return Ok((entry, EnvConfig::default())),
+        Err(unknown) => unknown,
+    };
+    if !Path::new(named).is_dir() {
+        return Err(unknown);
+    }
+    let saved = load_policy(named)?;
+    Ok((registry::by_name(&saved.manifest.task)?, saved.config.seen_env()))
 }
 
 fn list(config: &EnvConfig, as_json: bool) -> Result<Report> {
@@ -150,7 +168,7 @@ impl Described {
     fn page(&self) -> Result<Page> {
         let mut page = Page::new();
         let (spec, own) = (self.env.spec(), self.env.task_spec());
-        page.title(self.entry.name, self.entry.description).facts(self.facts());
+        page.title(self.entry.name, &self.entry.about()).facts(self.facts());
         page.heading("Goal, start, success, loss of training");
         page.prose(format!("  {}", self.about()));
         page.prose(format!("  Success: {} (not terminated; nothing else counts)", own.success.text()));

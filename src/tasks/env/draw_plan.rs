@@ -1,6 +1,6 @@
 //! What the host draws for a recorded start or event, and in which order.
 
-use crate::start::{Drawing, Source, WORDS_OF_EVENT};
+use crate::start::{Drawing, ManyDraw, Source, WORDS_OF_EVENT};
 use autodiff::{Mask, Scalar, Trace, TraceMask};
 use base::error::{Error, Result};
 use std::ops::Range;
@@ -17,6 +17,8 @@ pub(crate) struct Plan {
     /// How often they are drawn at most.
     pub most: usize,
     is_twice: bool,
+    /// Whether it has draws that are made on the host alone.
+    is_of_host: bool,
 }
 
 impl Plan {
@@ -59,6 +61,9 @@ impl Plan {
                 remedy,
             ));
         }
+        if self.is_of_host {
+            return Err(of_host(what));
+        }
         self.draws.iter().try_for_each(|(_, drawing)| drawing.check())?;
         Ok(self)
     }
@@ -76,6 +81,12 @@ impl Plan {
         }
         Ok(own)
     }
+}
+
+/// Refuses draws that no recording can hold.
+pub(crate) fn of_host(what: &str) -> Error {
+    let remedy = "Begin episodes on the host: HostStart, in Python start_on_host = True.";
+    Error::value(format!("a draw of the {what}"), "one that depends on drawn numbers", "one that does not", remedy)
 }
 
 /// Makes the plan of what it records: a draw is an input.
@@ -100,6 +111,16 @@ impl Source<Trace> for Planner {
         self.plan.add(stream, drawing);
         // who draws more than before is found by its plan
         self.inputs.as_ref().and_then(|inputs| inputs.get(k).copied()).unwrap_or(Trace::constant(0.5))
+    }
+
+    fn draw_other(&mut self, _stream: usize, _n: u64, _taken: &[Trace]) -> Trace {
+        self.plan.is_of_host = true;
+        Trace::zero()
+    }
+
+    fn draw_many(&mut self, _stream: usize, _drawing: &ManyDraw, _operands: &[Trace], drawn: &mut [Trace]) {
+        self.plan.is_of_host = true;
+        drawn.fill(Trace::zero());
     }
 
     fn begin_again(&mut self, most: usize) {

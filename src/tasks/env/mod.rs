@@ -99,7 +99,7 @@ use crate::randomise::Randomiser;
 use crate::task::{Task, TaskReference};
 use crate::task_spec::{TaskSpec, total};
 use autodiff::lanes::{first_lanes, to_rows};
-use autodiff::program::BLOCK;
+use autodiff::program::{BLOCK, ValueForm};
 use base::error::{Error, Result, finite};
 use base::parallel::Threads;
 use dynamics::Physics;
@@ -153,7 +153,7 @@ impl Env {
         Self::of_task(Box::new(task), name, config)
     }
 
-    fn of_task(task: Box<dyn Task>, name: &str, config: &EnvConfig) -> Result<Self> {
+    pub(crate) fn of_task(task: Box<dyn Task>, name: &str, config: &EnvConfig) -> Result<Self> {
         // what a configuration leaves to the task, a task of one's own leaves out
         let config = &EnvConfig {
             randomise: Some(config.changes().to_vec()),
@@ -299,6 +299,23 @@ impl Env {
         env.freeze(statistics);
         env.set_threads(Threads::default());
         Ok(env)
+    }
+
+    /// Whether all programs of another batch are those of this one, and their step for gradients too.
+    #[doc(hidden)]
+    pub fn is_recorded_alike(&self, other: &Self) -> bool {
+        let (own, theirs) = (self.core.programs(), other.core.programs());
+        let step = |env: &Self| env.core.record(&StepLayout::of(&env.core));
+        own.is_same(theirs) && step(self) == step(other)
+    }
+
+    /// The programs of steps, starts and events, and of a step for gradients: printed, by name.
+    #[doc(hidden)]
+    pub fn printed(&self) -> Vec<(&'static str, String)> {
+        let step = self.core.record(&StepLayout::of(&self.core));
+        let mut all = self.core.programs().printed();
+        all.push(("gradients", ValueForm::of(&step).to_string()));
+        all
     }
 
     /// Steps on these threads from now on, with memory for each of them: later steps allocate nothing, but where physics give up for

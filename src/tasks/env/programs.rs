@@ -6,7 +6,7 @@ use super::layout::{EnvLayout, Part};
 use super::phases::{Numbers, Step};
 use crate::observation::AgentArrays;
 use autodiff::native::{Executable, PerProcess, Place, RowLayout, Rows, Work};
-use autodiff::program::BLOCK;
+use autodiff::program::{BLOCK, ValueForm};
 use autodiff::{Program, Recording, Trace};
 use base::error::Result;
 use dynamics::batch::PlantBlock;
@@ -172,6 +172,41 @@ impl Programs {
         })
     }
 
+    /// Printed, by name.
+    pub(super) fn printed(&self) -> Vec<(&'static str, String)> {
+        let own = [
+            ("act", self.act.as_ref()),
+            ("step", Some(&self.step)),
+            ("observe", Some(&self.observe)),
+            ("frames", self.frames.as_ref()),
+            ("start", Some(&self.start)),
+            ("event", self.event.as_ref()),
+        ];
+        let printed = |(name, program): (&'static str, Option<&RowProgram>)| {
+            program.map(|own| (name, ValueForm::of(&own.made.recording).to_string()))
+        };
+        own.into_iter().filter_map(printed).collect()
+    }
+
+    /// Whether all are those of others, in memory.
+    pub(super) fn is_same(&self, other: &Self) -> bool {
+        let alike = |a: &Option<RowProgram>, b: &Option<RowProgram>| match (a, b) {
+            (Some(a), Some(b)) => a.is_same(b),
+            (a, b) => a.is_none() && b.is_none(),
+        };
+        let transform = match (&self.transform, &other.transform) {
+            (Some(a), Some(b)) => Arc::ptr_eq(&a.0, &b.0),
+            (a, b) => a.is_none() && b.is_none(),
+        };
+        alike(&self.act, &other.act)
+            && self.step.is_same(&other.step)
+            && self.observe.is_same(&other.observe)
+            && alike(&self.frames, &other.frames)
+            && self.start.is_same(&other.start)
+            && alike(&self.event, &other.event)
+            && transform
+    }
+
     /// For one worker.
     pub(crate) fn scratch(&self) -> Scratch {
         let of = |program: &Option<RowProgram>| program.as_ref().map(RowProgram::scratch);
@@ -218,7 +253,6 @@ impl RowProgram {
         Ok(Self { made: Made::of(recording, RowLayout::new(arguments, results)?)?, reads })
     }
 
-    #[cfg(test)]
     pub(super) fn is_same(&self, other: &Self) -> bool {
         Arc::ptr_eq(&self.made, &other.made)
     }

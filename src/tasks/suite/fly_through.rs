@@ -121,7 +121,7 @@ impl FlyThrough {
     fn clearance<S: Scalar>(&self, view: &View<'_, S>) -> S {
         let frame = self.gate(view);
         let bars = self.gate.bars(&Pose { position: frame.position, attitude: frame.attitude });
-        self.skin.clearance(view, bars, self.gate.bar_radius())
+        self.skin.clearance(view, &bars, self.gate.bar_radius())
     }
 }
 

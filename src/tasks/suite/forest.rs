@@ -13,29 +13,26 @@
 //! - DIFFERENCE: the term progress falls no further than its bound is high.
 
 use super::clear_path::clear_path;
-use super::obstacles::rounded;
+use super::obstacles::Outline;
 use super::{
     StartAttitude, StartRange, farther, latch, less, made_of, more, nearer, rate_cost, speed_cost, squared,
     starts_on_host, succeeds_once, times,
 };
 use crate::config::EnvConfig;
 use crate::declare::{Ends, Goal, Loss, Writer};
+use crate::grove::{Grove, MAX_TRUNKS};
 use crate::reward::upright;
 use crate::robot::Robot;
 use crate::settings;
-use crate::start::{Start, StartScalar};
+use crate::start::{ManyDraw, Start, StartScalar};
 use crate::task::{BuiltIn, HostStart, Task, TaskReference, View};
 use autodiff::{Array, Mask, Scalar, Trace, safe};
-use base::error::{Error, Result};
+use base::error::Result;
 use controllers::reference::{Reference, Waypoint, Waypoints};
 use dynamics::scene::{self, Scene};
-use dynamics::shape::{Geometry, Pose};
 use dynamics::spatial::{Vec3, constants, scale, sub};
-use dynamics::vehicle::Vehicle;
 use std::iter;
 
-/// Most trunks of a forest.
-const MAX_TRUNKS: usize = 256;
 /// Where trunks stand that an episode leaves out, x, m.
 const ELSEWHERE: f64 = -1000.0;
 /// Farther than this everything is as far, m.
@@ -100,28 +97,18 @@ settings! {
 pub struct Forest {
     robot: Robot,
     settings: ForestSettings,
-    forest: scene::Forest,
-    scene: Scene,
+    grove: Grove,
+    /// What draws the places of its trunks.
+    places: ManyDraw,
     /// Radii of the trunks, m.
     radii: Vec<f64>,
-    bars: Vec<Bar>,
-}
-
-/// What touches: all points within `radius` of the segment between two points of the vehicle.
-#[derive(Debug, Clone)]
-struct Bar {
-    ends: [Vec3<f64>; 2],
-    radius: f64,
+    outline: Outline,
 }
 
 impl BuiltIn for Forest {
     fn new(config: &EnvConfig) -> Result<Self> {
         let settings: ForestSettings = config.settings()?;
-        if settings.trunks > MAX_TRUNKS {
-            let remedy = "Take fewer trunks, or a wider gap.";
-            return Err(Error::limit("task.trunks", settings.trunks, MAX_TRUNKS, remedy));
-        }
-        let forest = scene::Forest {
+        let grove = Grove::new(scene::Forest {
             seed: 0,
             length: settings.length,
             width: settings.width,
@@ -130,29 +117,11 @@ impl BuiltIn for Forest {
             radius: settings.radius,
             height: settings.max_height + 1.0,
             gap: settings.gap,
-        };
-        let scene = forest.scene()?;
-        let radius = |geometry: &Geometry| if let Geometry::Capsule { radius, .. } = geometry { *radius } else { 0.0 };
-        let radii = scene.obstacles.iter().map(|trunk| radius(&trunk.shape.geometry)).collect();
-        let bars = bars(&config.vehicle(&settings.vehicle)?);
-        let robot = config.single_robot(&settings.vehicle)?;
-        Ok(Self { robot, settings, forest, scene, radii, bars })
+        })?;
+        let outline = Outline::of(&config.vehicle(&settings.vehicle)?);
+        let (robot, places) = (config.single_robot(&settings.vehicle)?, ManyDraw::Forest(Box::new(grove.clone())));
+        Ok(Self { robot, radii: grove.radii(), settings, grove, places, outline })
     }
-}
-
-/// Capsules and balls of a vehicle, of its boxes the diagonals, and a ball about every propeller.
-fn bars(vehicle: &Vehicle) -> Vec<Bar> {
-    let bar = |shape: &dynamics::shape::Shape| {
-        let (radius, length) = match shape.geometry {
-            Geometry::Capsule { radius, length } => (radius, length),
-            Geometry::Sphere { radius } => (radius, 0.0),
-            Geometry::Box { size } => (0.5 * size.into_iter().fold(f64::INFINITY, f64::min), 0.0),
-        };
-        let pose = Pose { position: shape.position, attitude: shape.rotation };
-        Bar { ends: [-0.5, 0.5].map(|share| pose.point([0.0, 0.0, share * length])), radius }
-    };
-    let propellers = vehicle.rotors.iter().map(|rotor| Bar { ends: [rotor.position; 2], radius: rotor.radius });
-    rounded(vehicle).shapes.iter().map(bar).chain(propellers).collect()
 }
 
 impl Forest {
@@ -168,33 +137,15 @@ impl Forest {
 
     /// Least distance between the vehicle and a trunk, m: below the trunks' tops that of their outlines from above.
     fn clearance<S: Scalar>(&self, view: &View<'_, S>) -> S {
-        let drone = view.drone(0);
-        let (zero, one) = (S::zero(), S::one());
-        let mut least = S::constant(REACH);
-        for k in 0..self.bars.len() {
-            let bar = &self.bars[k];
-            let is_ball = bar.ends[0] == bar.ends[1];
-            let a = drone.point(constants(bar.ends[0])).0;
-            let b = if is_ball { a } else { drone.point(constants(bar.ends[1])).0 };
-            let along = [b[0] - a[0], b[1] - a[1]];
-            let inverse = safe::squared_norm(along).max(S::constant(1e-9)).recip();
-            for i in 0..self.radii.len() {
-                let mut away = [view.goal[3 + 2 * i] - a[0], view.goal[4 + 2 * i] - a[1]];
-                if !is_ball {
-                    let share = (along[0].mul_add(away[0], along[1] * away[1]) * inverse).max(zero).min(one);
-                    away = [(-share).mul_add(along[0], away[0]), (-share).mul_add(along[1], away[1])];
-                }
-                least = least.min(safe::norm(away) - S::constant(self.radii[i] + bar.radius));
-            }
-        }
-        least
+        let places = |i: usize| [view.goal[3 + 2 * i], view.goal[4 + 2 * i]];
+        self.outline.clearance(&view.drone(0), places, &self.radii, REACH)
     }
 
     /// Keeps p_t, then the places of the trunks, of which the first `standing` stand, displaced.
     fn set_goal<S: StartScalar>(&self, goal: &mut Goal<'_, S>, target: Vec3<f64>, standing: usize, offsets: &[f64]) {
         goal.field("target", "m, world", "p_t").array(target);
         goal.field("trunks", "m, world", "(x, y) of every trunk");
-        for (i, trunk) in self.scene.obstacles.iter().enumerate() {
+        for (i, trunk) in self.grove.trunks().iter().enumerate() {
             let [x, y, _] = trunk.shape.position;
             let place = [x + offsets[3 * i], y + offsets[3 * i + 1]];
             goal.array(if i < standing { place } else { [ELSEWHERE, 0.0] });
@@ -207,12 +158,10 @@ impl HostStart for Forest {
         let own = &self.settings;
         let target = own.target.map(|[low, high]| start.task.uniform(low, high));
         let share = super::eased(own.trunks_ease, start.difficulty);
-        let standing = (share * own.trunks as f64).round() as usize;
+        let standing = share * own.trunks as f64;
         let (mut offsets, n) = ([0.0; 3 * MAX_TRUNKS], 3 * self.radii.len());
-        if standing > 0 {
-            let trunks = &self.scene.obstacles;
-            start.task.stream(|stream| self.forest.place(trunks, standing, stream, &mut offsets[..n]));
-        }
+        start.task.many(&self.places, &[standing], &mut offsets[..n]);
+        let standing = standing.round() as usize;
         self.set_goal(&mut start.goal, target, standing, &offsets);
         let (position, attitude) = own.start.draw(start);
         let position = self.along(start, position, target);
@@ -231,11 +180,11 @@ impl Task for Forest {
     }
 
     fn scene(&self) -> Scene {
-        self.scene.clone()
+        self.grove.scene().clone()
     }
 
     fn place_scene(&self, goal: &[f64], placement: &mut [f64]) {
-        for (i, trunk) in self.scene.obstacles.iter().enumerate() {
+        for (i, trunk) in self.grove.trunks().iter().enumerate() {
             placement[3 * i] = goal[3 + 2 * i] - trunk.shape.position[0];
             placement[3 * i + 1] = goal[4 + 2 * i] - trunk.shape.position[1];
         }
@@ -298,7 +247,7 @@ impl Task for Forest {
         let (drone, own, error) = (view.drone(0), &self.settings, Self::error(view));
         // a second before the target it slows down
         let slow = Trace::constant(own.loss_speed * own.loss_speed);
-        let pace = Trace::constant(own.loss_speed) * (safe::squared_norm(error) + slow).sqrt().recip();
+        let pace = times(own.loss_speed, (safe::squared_norm(error) + slow).sqrt().recip());
         loss.add(
             "{×loss_pace}h₅(v − v_t), v_t = {loss_speed} m/s (p_t − p)/√(d² + ({loss_speed} m)²)",
             speed_cost(own.loss_pace, sub(drone.velocity, scale(pace, error))),
@@ -348,8 +297,7 @@ impl Task for Forest {
 impl Forest {
     /// A path in the plane that keeps the whole vehicle away from all trunks, however it is turned.
     fn path(&self, view: &View<'_, f64>, from: Vec3<f64>, to: Vec3<f64>) -> Option<Vec<[f64; 2]>> {
-        let reach = self.bars.iter().flat_map(|bar| bar.ends.map(|end| safe::norm(end) + bar.radius));
-        let reach = reach.fold(0.0, f64::max) + ROOM;
+        let reach = self.outline.reach() + ROOM;
         let circle = |i: usize| [view.goal[3 + 2 * i], view.goal[4 + 2 * i], self.radii[i] + reach];
         let circles: Vec<_> = (0..self.radii.len()).map(circle).collect();
         let side = 0.5 * self.settings.width - reach;

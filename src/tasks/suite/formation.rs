@@ -112,14 +112,11 @@ impl StartGrid {
     /// Different cells and attitudes for drones: the first `n_drone` count.
     pub fn draw(&self, start: &mut Start<'_, f64>, n_drone: usize) -> ([Vec3<f64>; MOST], [Quat<f64>; MOST]) {
         let [nx, ny, nz] = self.cells;
-        let (mut taken, mut from) = ([u64::MAX; MOST], [[0.0; 3]; MOST]);
+        let (mut taken, mut from) = ([0.0; MOST], [[0.0; 3]; MOST]);
         let mut attitudes = [Quat::default(); MOST];
         for i in 0..n_drone {
-            let mut cell = start.reset.below(nx * ny * nz) as u64;
-            while taken[..i].contains(&cell) {
-                cell = start.reset.below(nx * ny * nz) as u64;
-            }
-            taken[i] = cell;
+            taken[i] = start.reset.below_other_than(nx * ny * nz, &taken[..i]);
+            let cell = taken[i] as u64;
             let index = [cell % nx, cell / nx % ny, cell / (nx * ny)];
             from[i] = [0, 1, 2].map(|k| self.first[k] + self.step[k] * index[k] as f64);
             attitudes[i] = self.attitude.draw(start);

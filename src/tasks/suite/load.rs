@@ -166,9 +166,7 @@ impl Load {
         let own = self.inertial(length, bar, ball);
         own.write(start.numbers, self.bar);
         let faster = ((self.vehicle_mass + own.mass) / (self.vehicle_mass + nominal)).sqrt();
-        for rotor in &start.robot.drone().rotors {
-            start.state[rotor.speed] = (faster * start.state[rotor.speed]).min(rotor.max_speed.into());
-        }
+        start.spin_up(faster);
         start.goal.field("length", "m", "L").number(length);
         start.goal.field("ball_mass", "kg", "m_q").number(ball);
     }

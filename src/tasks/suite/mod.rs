@@ -4,7 +4,7 @@
 //!
 //! - DIFFERENCE: metrics are those of the step; published ones are running means from 0, mostly 0.8 old + 0.2 new.
 
-mod assignment;
+pub(crate) mod assignment;
 mod clear_path;
 pub mod dragon_hover;
 pub mod fly_through;
@@ -13,7 +13,7 @@ pub mod formation;
 pub mod gate_switch;
 pub mod hover;
 pub(crate) mod load;
-mod obstacles;
+pub(crate) mod obstacles;
 pub(crate) mod over;
 pub mod over_fly_through;
 pub mod over_hover;

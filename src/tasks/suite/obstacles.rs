@@ -16,7 +16,7 @@ use crate::robot::Robot;
 use crate::settings;
 use crate::start::{Start, StartScalar};
 use crate::task::View;
-use autodiff::{Mask, Scalar, Trace};
+use autodiff::{Mask, Scalar, Trace, safe};
 use base::error::Result;
 use dynamics::assembly::{Member, rod};
 use dynamics::configurations::environment;
@@ -25,7 +25,7 @@ use dynamics::contact::distance::to_capsule;
 use dynamics::frame::{FRAME, Frame};
 use dynamics::scene::{FAR, Obstacle, Scene};
 use dynamics::shape::{Geometry, Pose, Shape};
-use dynamics::spatial::Vec3;
+use dynamics::spatial::{Vec3, constants};
 use dynamics::tree::parameters::static_parameters;
 use dynamics::tree::{BodyShape, Model, ModelParts};
 use dynamics::{Effects, Physics, Vehicle};
@@ -138,14 +138,83 @@ pub(super) fn balls(vehicle: &Vehicle) -> Vec<Ball> {
     propellers.chain(vehicle.shapes.iter().map(about)).collect()
 }
 
+/// What touches, propellers included: all points within a radius of segments between two points of a vehicle.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Outline(Vec<Bar>);
+
+/// All points within `radius` of the segment between two points of a vehicle, m, body.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Bar {
+    ends: [Vec3<f64>; 2],
+    radius: f64,
+}
+
+impl Outline {
+    /// Capsules and balls of a vehicle, of its boxes the diagonals, and a ball about every propeller.
+    pub(crate) fn of(vehicle: &Vehicle) -> Self {
+        let bar = |shape: &Shape| {
+            let (radius, length) = match shape.geometry {
+                Geometry::Capsule { radius, length } => (radius, length),
+                Geometry::Sphere { radius } => (radius, 0.0),
+                Geometry::Box { size } => (0.5 * size.into_iter().fold(f64::INFINITY, f64::min), 0.0),
+            };
+            let pose = Pose { position: shape.position, attitude: shape.rotation };
+            Bar { ends: [-0.5, 0.5].map(|share| pose.point([0.0, 0.0, share * length])), radius }
+        };
+        let propellers = vehicle.rotors.iter().map(|rotor| Bar { ends: [rotor.position; 2], radius: rotor.radius });
+        Self(rounded(vehicle).shapes.iter().map(bar).chain(propellers).collect())
+    }
+
+    /// Least distance of a vehicle at `frame` to upright columns, up to `most`, m: of their outlines from above.
+    pub(crate) fn clearance<S: Scalar>(
+        &self,
+        frame: &Frame<S>,
+        place: impl Fn(usize) -> [S; 2],
+        radii: &[f64],
+        most: f64,
+    ) -> S {
+        let (zero, one) = (S::zero(), S::one());
+        let mut least = S::constant(most);
+        for k in 0..self.0.len() {
+            let bar = &self.0[k];
+            let is_ball = bar.ends[0] == bar.ends[1];
+            let a = frame.point(constants(bar.ends[0])).0;
+            let b = if is_ball { a } else { frame.point(constants(bar.ends[1])).0 };
+            let along = [b[0] - a[0], b[1] - a[1]];
+            let inverse = safe::squared_norm(along).max(S::constant(1e-9)).recip();
+            for i in 0..radii.len() {
+                let [x, y] = place(i);
+                let mut away = [x - a[0], y - a[1]];
+                if !is_ball {
+                    let share = (along[0].mul_add(away[0], along[1] * away[1]) * inverse).max(zero).min(one);
+                    away = [(-share).mul_add(along[0], away[0]), (-share).mul_add(along[1], away[1])];
+                }
+                least = least.min(safe::norm(away) - S::constant(radii[i] + bar.radius));
+            }
+        }
+        least
+    }
+
+    /// Largest distance of a point of it from the origin, m.
+    pub(crate) fn reach(&self) -> f64 {
+        let ends = self.0.iter().flat_map(|bar| bar.ends.map(|end| safe::norm(end) + bar.radius));
+        ends.fold(0.0, f64::max)
+    }
+}
+
 /// What touches: shapes of one tree, each with the body that carries it.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct CollisionShapes(Vec<(usize, Shape)>);
+pub(crate) struct CollisionShapes(Vec<(usize, Shape)>);
 
 impl CollisionShapes {
     /// Of the model's first tree.
     pub(super) fn of(model: &Model) -> Self {
-        let own = &model.layout().trees[0].bodies;
+        Self::of_tree(model, 0)
+    }
+
+    /// Of a tree.
+    pub(crate) fn of_tree(model: &Model, tree: usize) -> Self {
+        let own = &model.layout().trees[tree].bodies;
         let touches = model.shapes().iter().filter(|s| s.collides);
         Self(touches.filter_map(|s| s.body.filter(|b| own.contains(b)).map(|b| (b, s.shape))).collect())
     }
@@ -166,12 +235,7 @@ impl CollisionShapes {
     }
 
     /// Least distance to capsules of `radius` around `axes`, m: negative where they touch.
-    pub(super) fn clearance<S: Scalar, const N: usize>(
-        &self,
-        view: &View<'_, S>,
-        axes: [[Vec3<S>; 2]; N],
-        radius: f64,
-    ) -> S {
+    pub(crate) fn clearance<S: Scalar>(&self, view: &View<'_, S>, axes: &[[Vec3<S>; 2]], radius: f64) -> S {
         let mut least = S::constant(FAR);
         for i in 0..self.0.len() {
             let (body, shape) = &self.0[i];
@@ -183,16 +247,16 @@ impl CollisionShapes {
     }
 
     /// The same of a skin [at rest](CollisionShapes::at_rest) whose root is at `pose`.
-    pub(super) fn clearance_at<const N: usize>(&self, pose: &Pose<f64>, axes: [[Vec3<f64>; 2]; N], radius: f64) -> f64 {
+    pub(super) fn clearance_at(&self, pose: &Pose<f64>, axes: &[[Vec3<f64>; 2]], radius: f64) -> f64 {
         self.0.iter().fold(FAR, |least, (_, shape)| least.min(gap(shape, pose, axes, radius)))
     }
 }
 
 /// Least distance of a shape on a carrier to capsules of `radius` around `axes`, m.
-fn gap<S: Scalar, const N: usize>(shape: &Shape, carrier: &Pose<S>, axes: [[Vec3<S>; 2]; N], radius: f64) -> S {
+fn gap<S: Scalar>(shape: &Shape, carrier: &Pose<S>, axes: &[[Vec3<S>; 2]], radius: f64) -> S {
     let pose = shape.pose(carrier);
     let mut least = S::constant(FAR);
-    for k in 0..N {
+    for k in 0..axes.len() {
         least = least.min(to_capsule(&shape.geometry, &pose, axes[k], radius));
     }
     least
@@ -218,7 +282,7 @@ pub(super) const NEARNESS: &str = "{×loss_clearance}e^{−10 max(clearance, −
 
 /// w e^{−10 c} of a clearance held above −0.2 m.
 pub(super) fn nearness<S: Scalar>(weight: f64, clearance: S) -> S {
-    times(weight, (S::constant(-10.0) * clearance.max(S::constant(-0.2))).exp())
+    times(weight, times(-10.0, clearance.max(S::constant(-0.2))).exp())
 }
 
 settings! {
@@ -294,12 +358,12 @@ impl Bars {
 
     /// Least distance of everything that flies, m.
     pub(super) fn clearance<S: Scalar>(&self, view: &View<'_, S>) -> S {
-        self.skin.clearance(view, self.axes(view.goal), RADIUS)
+        self.skin.clearance(view, &self.axes(view.goal), RADIUS)
     }
 
     /// Whether a skin at rest, its root at `pose`, is clear of the bars as drawn.
     pub(super) fn clear_of(&self, start: &Start<'_, f64>, rest: &CollisionShapes, pose: &Pose<f64>) -> bool {
-        rest.clearance_at(pose, self.axes(&start.goal), RADIUS) > 0.0
+        rest.clearance_at(pose, &self.axes(&start.goal), RADIUS) > 0.0
     }
 
     /// Where they are, seen from `position`.

@@ -131,7 +131,7 @@ impl OverFlyThrough {
 
     /// Least distance to a pole, m.
     fn clearance<S: Scalar>(&self, view: &View<'_, S>) -> S {
-        self.skin.clearance(view, axes(view.goal[SPACING]), RADIUS)
+        self.skin.clearance(view, &axes(view.goal[SPACING]), RADIUS)
     }
 
     fn error<S: Scalar>(&self, view: &View<'_, S>) -> [S; 9] {
@@ -160,7 +160,7 @@ impl HostStart for OverFlyThrough {
             let (position, attitude) = own.start.draw(start);
             let position = along_the_course(start, own.start_along, position, own.target.position, CLEAR);
             start.place(FRAME_BODY, position, attitude);
-            if self.rest.clearance_at(&Pose { position, attitude }, axes(spacing), RADIUS) > 0.0 {
+            if self.rest.clearance_at(&Pose { position, attitude }, &axes(spacing), RADIUS) > 0.0 {
                 break;
             }
         }

@@ -8,10 +8,10 @@ use crate::settings;
 use crate::task::View;
 use autodiff::{Mask, Scalar, Trace, TraceMask, safe};
 use base::error::Result;
-use dynamics::Vehicle;
 use dynamics::assembly::{Member, group, single};
 use dynamics::frame::Frame;
 use dynamics::spatial::{Vec3, sub};
+use dynamics::{Physics, Vehicle};
 
 settings! {
     /// Who flies, and for how long.
@@ -34,12 +34,18 @@ settings! {
 /// # Errors
 /// As [`EnvConfig::vehicle`].
 pub(crate) fn free_team(name: &str, config: &EnvConfig, vehicle: &str, n_drone: usize) -> Result<Robot> {
-    let vehicle = config.vehicle(vehicle)?;
-    let drone = single(&vehicle)?;
+    team_of(name, config.physics_with(|e| e.downwash = true), &config.vehicle(vehicle)?, n_drone)
+}
+
+/// Likewise with physics of one's own.
+///
+/// # Errors
+/// None for a vehicle and physics that may be.
+pub(crate) fn team_of(name: &str, physics: Physics, vehicle: &Vehicle, n_drone: usize) -> Result<Robot> {
+    let drone = single(vehicle)?;
     let member = |i| Member::new(format!("drone_{i}"), drone.clone(), [0.0; 3]);
     let members: Vec<Member> = (0..n_drone).map(member).collect();
-    let physics = config.physics_with(|e| e.downwash = true);
-    Robot::of_model(&group(name, &members)?, physics, Some(&vehicle), |_| Vec::new())
+    Robot::of_model(&group(name, &members)?, physics, Some(vehicle), |_| Vec::new())
 }
 
 /// Drone `i` as it sees itself: where it is about its load, ŝ, and which of the team it is.
