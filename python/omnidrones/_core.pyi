@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Final, SupportsFloat, SupportsIndex, final
 from typing_extensions import disjoint_base
 
-__all__ = ["__version__", "Adjoint", "Allocation", "AllocationFunction", "CFunction", "CModule", "Controller", "Design", "Estimates", "Figure", "Flight", "Jacobian", "KalmanFilter", "Loop", "Mpc", "OptimalTrajectory", "Policy", "Progress", "Regulator", "Run", "StageQpSolution", "StateEstimator", "StateEstimatorBatch", "StateSpace", "SteadyKalman", "Sweep", "System", "Tape", "Trim", "VecEnv", "Vehicle", "_evaluation", "_fly_shard", "_restore", "_restore_policy", "allocate", "configurations", "design", "evaluate", "export_c", "export_onnx", "fly", "linearise", "load_policy", "lqg", "lqr", "optimise", "plot", "recipes", "solve_stage_qp", "steady_kalman", "tasks", "train", "tune", "vehicles"]
+__all__ = ["__version__", "Adjoint", "Allocation", "AllocationFunction", "CFunction", "CModule", "CascadeParts", "Certificate", "Controller", "Design", "Draws", "Ends", "Estimates", "Figure", "Flight", "Forest", "Gate", "Goal", "Jacobian", "KalmanFilter", "Loop", "Loss", "MonteCarloRun", "Motion", "Mpc", "OptimalTrajectory", "Part", "Policy", "Progress", "RecoveryMap", "Regulator", "Robot", "Run", "StageQpSolution", "Start", "StateEstimator", "StateEstimatorBatch", "StateSpace", "SteadyKalman", "Sweep", "System", "Tape", "TrackPath", "Trim", "VecEnv", "Vehicle", "View", "Writer", "_carried", "_check_places", "_compute", "_constants", "_evaluation", "_fly_shard", "_is_recording", "_record", "_register", "_register_record", "_restore", "_restore_policy", "_restore_system", "_setting_keys", "_task_name", "_task_spec", "allocate", "attitude_error", "configurations", "design", "evaluate", "export_c", "export_onnx", "fly", "linearise", "load_policy", "lqg", "lqr", "monte_carlo", "optimise", "plot", "recipes", "recovery_map", "solve_stage_qp", "steady_kalman", "tasks", "train", "tune", "vehicles"]
 
 __version__: Final[str]
 
@@ -166,18 +166,134 @@ class CModule:
         """
 
 @final
+class CascadeParts:
+    """
+    What the library's cascade believes of a vehicle, and its levels as functions of recorded numbers: for a `ControlLaw` that is made of
+    them.
+
+    Parameters
+    ----------
+    vehicle : Vehicle or str or path
+    **physics
+        `effects`: drag that is not simulated is not fed forward.
+
+    An attitude command is 16 numbers: thrust along body z (N), wanted attitude by rows (body to world), its angular velocity (rad/s) and
+    angular acceleration (rad/s^2) in its own axes. A rate command is 7: thrust, angular velocity, angular acceleration, body axes.
+    """
+    def __new__(cls, vehicle: Any, /, **physics) -> CascadeParts: ...
+    def __repr__(self, /) -> str: ...
+    def actions(self, /, wrench: Any) -> Any:
+        """
+        Rotor actions in [-1, 1] for a wrench [F_z, M_x, M_y, M_z] (N, N m; body); yaw gives way first.
+        """
+    def attitude_command(self, /, gains: Any, *, velocity: Any, acceleration: Any, jerk: Any, snap: Any, yaw: Any, attitude: Any, measured: Any) -> Any:
+        """
+        The attitude command [16] that follows a velocity command: `velocity` (m/s), feed-forward `acceleration`, `jerk` and `snap` [3],
+        world, and `yaw` with its rate and acceleration [3], at the measured `attitude` and `measured` velocity, with gains [3] of velocity.
+        """
+    def drag(self, /, attitude: Any, velocity: Any) -> Any:
+        """
+        The acceleration that balances linear drag at a velocity [3], m/s, world, or its derivatives at those of the velocity.
+        """
+    @property
+    def gravity(self, /) -> float:
+        """
+        m/s^2.
+        """
+    @property
+    def inertia(self, /) -> Any:
+        """
+        About the centre of mass, axes in which it hovers level, float64 [3, 3], kg m^2.
+        """
+    @property
+    def mass(self, /) -> float:
+        """
+        kg.
+        """
+    @property
+    def max_thrust(self, /) -> Any:
+        """
+        Largest thrust per rotor, float64 [rotor], N.
+        """
+    @property
+    def memory(self, /) -> dict:
+        """
+        The memory of the cascade before its first tick, by name: "attitude" [16], "rate" [7], "rotors" [rotor].
+        """
+    @property
+    def mixer(self, /) -> Any:
+        """
+        Thrusts per [F_z, M_x, M_y, M_z], float64 [rotor, 4]: what `actions` distributes by.
+        """
+    def rate_command(self, /, attitude_gains: Any, rate_gains: Any, command: Any, attitude: Any, angular_velocity: Any) -> Any:
+        """
+        The rate command [7] that follows an attitude command [16], with gains [3] of attitude and of rate.
+        """
+    def upright(self, /, attitude: Any, angular_velocity: Any) -> tuple[Any, Any]:
+        """
+        Attitude [4] and angular velocity [3] of the axes in which the vehicle hovers level, of those of its body.
+        """
+    def wrench(self, /, rate_gains: Any, command: Any, attitude: Any, velocity: Any, angular_velocity: Any) -> Any:
+        """
+        Force along body z and moments [4] that follow a rate command [7], with gains [3] of rate.
+        """
+
+@final
+class Certificate:
+    """
+    How well three derivations of a step's Jacobian agree at a point: the adjoint (reverse), duals (forward) and central differences.
+    `print` shows it.
+    """
+    def __repr__(self, /) -> str: ...
+    @property
+    def adjoint_error(self, /) -> float:
+        """
+        Largest |adjoint - dual|, relative to the column; bound 1e-10.
+        """
+    @property
+    def difference_error(self, /) -> float:
+        """
+        Largest |dual - central difference|, likewise; bound 1e-7.
+        """
+    @property
+    def holds(self, /) -> bool:
+        """
+        Whether all are within their bounds.
+        """
+    @property
+    def kinks(self, /) -> int:
+        """
+        Columns along which two smooth pieces meet at the point: certify beside it.
+        """
+    @property
+    def n_entry(self, /) -> int:
+        """
+        Entries compared.
+        """
+    @property
+    def taylor_order(self, /) -> float | None:
+        """
+        Order of the Taylor remainder, 2 within 0.1 where the Jacobian is right; None where the step is affine.
+        """
+    @property
+    def value_error(self, /) -> float:
+        """
+        Largest |program - direct step|, relative to the state; bound 1e-12.
+        """
+
+@final
 class Controller:
     """
     The library's own controllers as a policy: what learners have to beat. One per environment in rotor mode, which sees the true
     state; `controller(env)` gives actions [E, A, action]. With a `name` of the table of controllers, as "mpc", that one flies in place
-    of the usual one, where it is made for what flies. All environments are flown at once on the environment's threads.
+    of the usual one, where it is made for what flies; or a `ControlLaw`, which knows the nominal numbers of what flies. All environments are flown at once on the environment's threads.
     """
     def __call__(self, /, env: VecEnv) -> Any:
         """
         Actions of all agents for the state as it is, a new float32 array [E, A, action]. `reset` of an environment needs a new
         controller, or `forget`.
         """
-    def __new__(cls, /, env: VecEnv, name: str | None = None) -> Controller: ...
+    def __new__(cls, /, env: VecEnv, name: Any | None = None) -> Controller: ...
     def forget(self, /, environment: SupportsIndex) -> None:
         """
         Makes a new controller for one environment at the next call: where an episode began.
@@ -231,6 +347,56 @@ class Design:
     def trim(self, /) -> Trim:
         """
         The steady flight, and the linear model of the plant alone.
+        """
+
+@final
+class Draws:
+    """
+    Draws of one stream.
+    """
+    def below(self, /, n: SupportsIndex, *, other_than: Any | None = None) -> Any:
+        """
+        A whole number, uniform in 0..n; with `other_than` none of these numbers, of which there are fewer than n: drawn again while it is one.
+        That is for tasks with `start_on_host = True`.
+        """
+    def geometric(self, /, mean: SupportsFloat | SupportsIndex) -> Any:
+        """
+        Steps until something happens that comes once in `mean` >= 1 steps: 1 or more.
+        """
+    def normal(self, /) -> Any:
+        """
+        Standard normal.
+        """
+    def normal_within(self, /, bound: SupportsFloat | SupportsIndex) -> Any:
+        """
+        Standard normal, drawn again while it is farther from zero than `bound`, 0.1 at least.
+        """
+    def sometimes(self, /, chance: SupportsFloat | SupportsIndex) -> tuple[Any, Any]:
+        """
+        With this chance a mask that holds, and a unit draw that then means something.
+        """
+    def trunks(self, /, forest: Forest, standing: Any) -> Any:
+        """
+        Offsets of a forest's trunks from their nominal places, m, world, [trunk, 3], of which the first `standing` stand (the nearest whole
+        number), the others far below. For tasks with `start_on_host = True`.
+        """
+    def uniform(self, /, low: Any, high: Any) -> Any:
+        """
+        Uniform between two numbers, or between two arrays number by number.
+        """
+    def unit(self, /) -> Any:
+        """
+        Uniform in [0, 1).
+        """
+
+@final
+class Ends:
+    """
+    Takes reasons to terminate, and when each holds.
+    """
+    def when(self, /, name: str, condition: str, mask: Any) -> None:
+        """
+        The next reason: its name, its condition in words, and the mask that holds it.
         """
 
 @final
@@ -400,6 +566,87 @@ class Flight:
         """
 
 @final
+class Forest:
+    """
+    Upright trunks in a corridor along x, that stand elsewhere in every episode: `Draws.trunks` draws where.
+
+    Parameters
+    ----------
+    **settings
+        `length` and `width` of the corridor (m), `clear` at its beginning and end (m), `trunks` (how many), `radius` (least and largest, m),
+        `height` (m), `gap` between two trunks (m), `seed` of the nominal places.
+    """
+    def __new__(cls, /, **settings) -> Forest: ...
+    @property
+    def places(self, /) -> Any:
+        """
+        Nominal places, m, world, float64 [trunk, 3].
+        """
+    @property
+    def radii(self, /) -> Any:
+        """
+        Radii of the trunks, m, float64 [trunk].
+        """
+    @property
+    def scene(self, /) -> dict:
+        """
+        The scene with its trunks at their nominal places: what a task gives as `scene`.
+        """
+
+@final
+class Gate:
+    """
+    Four bars around an opening, in the yz plane of the frame; one flies through along x.
+
+    Parameters
+    ----------
+    **settings
+        `position`, `rotation` (w x y z), `half_width`, `half_height`, `radius`, `scale` of the three lengths, `slide` (a dict), `name`.
+    """
+    def __new__(cls, /, **settings) -> Gate: ...
+    def bars(self, /, position: Any, attitude: Any) -> Any:
+        """
+        Ends of the axes of the four bars for a frame that is there, m, world, [4, 2, 3].
+        """
+    @property
+    def data(self, /) -> dict:
+        """
+        As scenes have it.
+        """
+    def distance(self, /, position: Any, attitude: Any, point: Any) -> Any:
+        """
+        Distance of a point (m, world) to the bars of a frame that is there, m.
+        """
+    @property
+    def opening(self, /) -> list[float]:
+        """
+        Half width and half height of the free opening, m.
+        """
+    def passage(self, /, position: Any, attitude: Any, before: Any, after: Any) -> tuple[Any, Any]:
+        """
+        How a straight step between two points (m, world) meets the opening of a frame that is there: its direction, 1 along x, -1 against it,
+        0 where it does not cross the plane, and how far inside the opening it crosses, m.
+        """
+    @property
+    def radius(self, /) -> float:
+        """
+        Radius of the bars, m.
+        """
+
+@final
+class Goal:
+    """
+    What stays through an episode.
+    """
+    def __getitem__(self, at: Any, /) -> Any: ...
+    def __len__(self, /) -> int: ...
+    def __setitem__(self, at: Any, numbers: Any, /) -> None: ...
+    def field(self, /, name: str, unit: str, meaning: str, numbers: Any, *, low: SupportsFloat | SupportsIndex = ..., high: SupportsFloat | SupportsIndex = ...) -> None:
+        """
+        The next field where an episode begins: its name, unit (with the frame), meaning and numbers.
+        """
+
+@final
 class Jacobian:
     """
     Exact derivatives of one step of one environment, float64.
@@ -495,8 +742,9 @@ class Loop(System):
     ----------
     plant : Vehicle or str or path
         A vehicle, its name or file, or a configuration.
-    controller : str, optional
-        A law over any scalar: "cascade" (default), "indi", "lqi" or "lqr" of a vehicle, "formation" of a configuration of drones.
+    controller : str or ControlLaw, optional
+        A law over any scalar: "cascade" (default), "indi", "lqi" or "lqr" of a vehicle, "formation" of a configuration of drones, or one
+        of your own.
     gains : dict, optional
         As `Vehicle.gains`; of the controller as it is built.
     rates : dict, optional
@@ -509,14 +757,14 @@ class Loop(System):
     The state is the plant's, then the controller's memory and its commands under way; parameters are the plant's physical numbers (SI),
     then the controller's gains: `parameter_names`. The controller goes on believing the nominal physical numbers.
     """
-    def __new__(cls, plant: Any, /, *, controller: str | None = None, gains: Mapping | None = None, rates: dict | None = None, latency: SupportsIndex = 0, **physics) -> Loop: ...
+    def __new__(cls, plant: Any, /, *, controller: Any | None = None, gains: Mapping | None = None, rates: dict | None = None, latency: SupportsIndex = 0, **physics) -> Loop: ...
     def __repr__(self, /) -> str: ...
-    def initial_state(self, /, reference: dict | None = None) -> Any:
+    def initial_state(self, /, reference: Any | None = None) -> Any:
         """
         At rest on a reference (that of `fly` by default) at its beginning, the controller before its first tick, a new float64 array
         [state]; the plant's state stands in front.
         """
-    def inputs(self, /, n_step: SupportsIndex, reference: dict | None = None, *, first: SupportsIndex = 0, wind: SupportsLenAndGetItem[SupportsFloat | SupportsIndex] = ...) -> Any:
+    def inputs(self, /, n_step: SupportsIndex, reference: Any | None = None, *, first: SupportsIndex = 0, wind: SupportsLenAndGetItem[SupportsFloat | SupportsIndex] = ...) -> Any:
         """
         The inputs of so many steps along a reference, as `fly` takes it, from step `first` on, in still air unless a `wind` blows (m/s,
         world), a new float64 array [n_step, input].
@@ -527,6 +775,87 @@ class Loop(System):
     def parameter_names(self, /) -> list[str]:
         """
         Of theta, in its order: "mass", "rotor_0.thrust_coefficient", "gains.position_x".
+        """
+
+@final
+class Loss:
+    """
+    Takes the summands of a training loss.
+    """
+    def add(self, /, formula: str, number: Any) -> None:
+        """
+        The next summand: its formula, and the number.
+        """
+
+@final
+class MonteCarloRun:
+    """
+    Many flights of one controller on plants that differ: columns of what each was flown with and of how it went.
+    """
+    def __len__(self, /) -> int:
+        """
+        Flights.
+        """
+    def __repr__(self, /) -> str: ...
+    def columns(self, /) -> dict:
+        """
+        Columns by name with unit, new arrays [flight]: what was drawn, then "rmse [m]" and "worst [m]" (distances from the reference
+        behind the transient), "tilt [rad]" (the largest) and "lost_at [s]" (nan where it was not).
+        """
+    def summary(self, /) -> dict:
+        """
+        In a few numbers: "lost" ("hits" of "n", with "bounds" of the share), "median" and "percentile_95" of the RMSE (m) with bounds, and
+        the "confidence" of all bounds.
+        """
+
+@final
+class Motion:
+    """
+    Motion of a body along world axes. Numbers record.
+    """
+    @property
+    def angular_velocity(self, /) -> Any:
+        """
+        rad/s, along world axes, [3].
+        """
+    @property
+    def attitude(self, /) -> Any:
+        """
+        Unit quaternion w, x, y, z, body to world, [4].
+        """
+    @property
+    def heading(self, /) -> Any:
+        """
+        Body x along world axes, [3].
+        """
+    @property
+    def observed_attitude(self, /) -> Any:
+        """
+        The attitude with w >= 0, as it is observed, [4].
+        """
+    def point(self, /, local: Any) -> tuple[Any, Any]:
+        """
+        Place (m) and velocity (m/s) of a point that is fixed in the body (m, body), world: two arrays [3].
+        """
+    @property
+    def position(self, /) -> Any:
+        """
+        Of its origin, m, world, [3].
+        """
+    @property
+    def up(self, /) -> Any:
+        """
+        Body z along world axes, [3].
+        """
+    @property
+    def velocity(self, /) -> Any:
+        """
+        m/s, world, [3].
+        """
+    @property
+    def yaw(self, /) -> Any:
+        """
+        Angle of the heading in the world's xy plane, rad.
         """
 
 @final
@@ -695,6 +1024,15 @@ class OptimalTrajectory:
         """
 
 @final
+class Part:
+    """
+    Numbers of a start, by place.
+    """
+    def __getitem__(self, at: Any, /) -> Any: ...
+    def __len__(self, /) -> int: ...
+    def __setitem__(self, at: Any, numbers: Any, /) -> None: ...
+
+@final
 class Policy:
     """
     What was learnt: a network over one agent's observation. Actions are the most likely ones.
@@ -780,6 +1118,27 @@ class Progress:
         """
 
 @final
+class RecoveryMap:
+    """
+    From which attitudes and body rates a controller brings a plant back: a cell per interval of both.
+    """
+    def __repr__(self, /) -> str: ...
+    @property
+    def batched(self, /) -> bool:
+        """
+        Whether starts flew side by side, in lanes.
+        """
+    def columns(self, /) -> dict:
+        """
+        Arrays [tilt, rate] by name: "recovered" of "n" starts, "low" and "high" bounds of the share, "sunk [m]" (the most height lost by
+        those that came back) and "slowest [s]"; "tilt [rad]" and "rate [rad/s]" are where cells begin and end, [tilt + 1] and [rate + 1].
+        """
+    def within(self, /, tilt: SupportsFloat | SupportsIndex, rate: SupportsFloat | SupportsIndex) -> tuple[float, float, float]:
+        """
+        The share of starts within a tilt (rad) and a body rate (rad/s) that came back, with its bounds: (share, low, high).
+        """
+
+@final
 class Regulator:
     """
     An optimal feedback u = -K x.
@@ -798,6 +1157,64 @@ class Regulator:
     def poles(self, /) -> Any:
         """
         Eigenvalues of A - B K, complex128 [state], largest first.
+        """
+
+@final
+class Robot:
+    """
+    What flies in a task: one drone by name, `Robot.team`, `Robot.of_task`, `Robot.of_configuration`.
+
+    Parameters
+    ----------
+    vehicle : str
+        A built-in vehicle, or that of the configuration (`vehicle=`), as the benchmark flies it.
+    disturbance : bool
+        Whether winds, forces and moments may act on it.
+    """
+    def __new__(cls, /, vehicle: str, *, disturbance: bool = False) -> Robot: ...
+    @property
+    def bodies(self, /) -> list[str]:
+        """
+        Names of its bodies, in the order of `View.body`; that of a vehicle alone.
+        """
+    @property
+    def mass(self, /) -> float:
+        """
+        Total mass, kg.
+        """
+    @staticmethod
+    def of_configuration(configuration: str, *, vehicle: str | None = None, drives: SupportsGetItem[int, SupportsGetItem[int, str]] = ..., contact: bool = False, downwash: bool = False, disturbance: bool = False) -> Robot:
+        """
+        A built-in configuration by name. `vehicle` is what every drone is, if they are alike. `drives` names,
+        per drone, the joints that its further actions drive. `contact`: whether bodies touch. `downwash`: whether drones feel each other.
+        """
+    @staticmethod
+    def of_task(task: str, /, **settings) -> Robot:
+        """
+        What flies in a built-in task, with that task's settings: `Robot.of_task("PayloadTrack", length=[1.0, 1.0])`.
+        """
+    @property
+    def parameter_names(self, /) -> list[str]:
+        """
+        Names of the physical numbers.
+        """
+    @property
+    def state_names(self, /) -> list[str]:
+        """
+        Names of the numbers of the state, with units.
+        """
+    @staticmethod
+    def team(vehicle: str, n_drone: SupportsIndex, *, disturbance: bool = False) -> Robot:
+        """
+        `n_drone` drones that are free of each other but for their wakes; agent i flies drone i.
+        """
+    def varying(self, /, *names) -> Robot:
+        """
+        The same robot with physical numbers that differ between environments, by name; `parameter_names` lists them.
+        """
+    def varying_inertial(self, /, body: SupportsIndex) -> Robot:
+        """
+        The same robot with mass, centre of mass and inertia of a body that differ between environments.
         """
 
 @final
@@ -904,6 +1321,97 @@ class StageQpSolution:
     def status(self, /) -> str:
         """
         "solved", or "stopped": out of iterations, within the bounds.
+        """
+
+@final
+class Start:
+    """
+    The start of an episode, or an event in one: draws, and where they go. Everything stands at rest, rotors at hover, until it is changed.
+    """
+    def again(self, /, most: SupportsIndex, attempt: Any) -> None:
+        """
+        Calls `attempt()` until the mask that it returns holds, `most` times at most: what it draws is drawn again. Once in a start.
+        """
+    def attitude(self, /, tilt: Any, yaw: Any | None = None) -> Any:
+        """
+        An attitude with roll and pitch uniform within `tilt` and yaw uniform within `yaw`, rad: drawn from `reset`, w x y z.
+        """
+    @property
+    def difficulty(self, /) -> Any:
+        """
+        Share of a curriculum, 0 to 1.
+        """
+    @property
+    def event_at(self, /) -> Any:
+        """
+        Step behind which `event` is called; never, unless it is set. In an event it is the step of now, and no next one comes unless it is
+        put ahead.
+        """
+    @event_at.setter
+    def event_at(self, /, step: Any) -> None: ...
+    @property
+    def goal(self, /) -> Goal:
+        """
+        What stays through the episode: written by name where an episode begins, changed by place in events.
+        """
+    def inertial(self, /, body: SupportsIndex | str) -> Any:
+        """
+        Mass (kg), centre of mass (m, body) and inertia about it (kg m²: xx, yy, zz, xy, xz, yz) of a body, by number or name, as
+        `omnidrones.Inertial`: numbers that may be changed where `Robot.varying_inertial` names the body.
+        """
+    def move_at(self, /, velocity: Any, *, tree: SupportsIndex = 0) -> None:
+        """
+        Sets the velocity of the root of a tree, m/s, world.
+        """
+    @property
+    def numbers(self, /) -> Part:
+        """
+        Physical numbers of what flies, the nominal ones until changed. A change counts where the robot says that the number varies.
+        """
+    @property
+    def once(self, /) -> Draws:
+        """
+        Draws that are the same at the start of every episode of an environment: geometry.
+        """
+    def place(self, /, position: Any, attitude: Any | None = None, *, tree: SupportsIndex = 0) -> None:
+        """
+        Puts the root of a tree (a drone of a team, what flies else) at a place, m, world, with an attitude, w x y z; level without.
+        """
+    def position(self, /, range: Any) -> Any:
+        """
+        Uniform in a box, lowest and highest per axis, [3, 2], m, world: drawn from `reset`, [3].
+        """
+    @property
+    def reset(self, /) -> Draws:
+        """
+        Draws of initial states.
+        """
+    def set_inertial(self, /, body: SupportsIndex | str, mass: Any, center_of_mass: Any, inertia: Any) -> None:
+        """
+        Changes them: `start.set_inertial(body, *inertial)`.
+        """
+    def set_joint(self, /, name: str, position: Any, rate: Any | None = None) -> None:
+        """
+        Sets angle (rad) or way (m) of a hinge or slide, by name, and its rate.
+        """
+    def spin_up(self, /, factor: Any) -> None:
+        """
+        Lets all rotors turn `factor` times as fast as they do, no faster than they can: where something heavier hovers.
+        """
+    @property
+    def state(self, /) -> Part:
+        """
+        Numbers of the physics, SI: read and written by place.
+        """
+    @property
+    def task(self, /) -> Draws:
+        """
+        Draws of goals.
+        """
+    @property
+    def task_state(self, /) -> Part:
+        """
+        What the task keeps from step to step; zeros until changed.
         """
 
 @final
@@ -1295,8 +1803,38 @@ class Sweep:
 @disjoint_base
 class System:
     """
-    A discrete system x+ = f(x, u, theta) in float64 that is differentiated through any number of steps: `Loop`, `AllocationFunction`.
+    A discrete system x+ = f(x, u, theta) in float64 that is differentiated through any number of steps: `System.of` makes one of a
+    function, `Loop` and `AllocationFunction` are others.
     """
+    def __reduce__(self, /) -> tuple[Any, tuple]:
+        """
+        Pickles are of what was recorded, without the function; other systems are made anew.
+        """
+    def __repr__(self, /) -> str: ...
+    def certificate(self, /, state: Any, input: Any, parameters: Any | None = None) -> Certificate:
+        """
+        How well three derivations of a step's Jacobian by state, input and parameters agree at a point.
+        """
+    @property
+    def dt(self, /) -> float | None:
+        """
+        Of a step, s; None where it was not said.
+        """
+    @property
+    def input_names(self, /) -> list[str]:
+        """
+        Names of the inputs: "u1" and so on where none were given.
+        """
+    def jacobians(self, /, state: Any, input: Any, parameters: Any | None = None) -> tuple[Any, Any, Any]:
+        """
+        A = dx+/dx, B = dx+/du and dx+/dtheta of a step at a point, by dual numbers: new float64 arrays [state, state], [state, input]
+        and [state, parameter].
+        """
+    def linear_model(self, /, state: Any, input: Any, parameters: Any | None = None, *, continuous: bool = False) -> StateSpace:
+        """
+        The linear model about a point, with the names of its signals: small changes of the states, all of which are outputs, under small
+        changes of the inputs. Of a step of `dt`; of dx/dt if `continuous`, which the system must be.
+        """
     @property
     def n_input(self, /) -> int:
         """
@@ -1312,6 +1850,74 @@ class System:
         """
         Numbers of the state x.
         """
+    @staticmethod
+    def of(f: Any, /, *, states: SupportsIndex | SupportsGetItem[int, str], inputs: SupportsIndex | SupportsGetItem[int, str] | None = None, parameters: Any | None = None, dt: SupportsFloat | SupportsIndex | None = None, continuous: bool = False, substeps: SupportsIndex = 1) -> System:
+        """
+        The system that a function of Python says.
+
+        Parameters
+        ----------
+        f : callable
+            Called once, with `Number` arrays: f(x, u), or f(x, u, theta) with parameters. Returns x+ or, if `continuous`, dx/dt.
+        states, inputs : int or list of str
+            How many, or their names, with units behind them in brackets. No inputs by default.
+        parameters : dict or array, optional
+            Nominal values. Of a dict of numbers and arrays theta is such a dict, of an array an array.
+        dt : float, optional
+            Of a step, s. Needed if `continuous`; else for linear models alone.
+        continuous : bool
+            Whether f gives dx/dt. A step is then one of Runge and Kutta's classical method, or `substeps` of it, u constant within.
+        substeps : int
+            Of the integrator.
+
+        f may not depend on values while it is recorded: see `Number`. What it raises is raised.
+
+        >>> def pendulum(x, u, theta):
+        ...     return [x[1], (u[0] - theta["damping"] * x[1]) / theta["mass"] - 9.81 * np.sin(x[0])]
+        >>> system = omnidrones.System.of(pendulum, states=["angle [rad]", "rate [rad/s]"], inputs=["torque [N m]"],
+        ...                               parameters={"mass": 1.0, "damping": 0.1}, dt=0.01, continuous=True)
+        >>> A, B, by_parameters = system.jacobians(np.zeros(2), np.zeros(1))
+        """
+    def optimise(self, /, cost: Any, last: Any | None = None, *, start: Any, stages: SupportsIndex, conditions: Any | None = None, references: Any | None = None, lower: Any | None = None, upper: Any | None = None, quaternions: SupportsGetItem[int, SupportsIndex] = ..., guess: Any | None = None, parameters: Any | None = None, iterations: SupportsIndex | None = None, progress: Any | None = None) -> OptimalTrajectory:
+        """
+        The trajectory of least cost of a system that `System.of` made, with gains along it, by a search of Newton's kind (iLQR).
+
+        Parameters
+        ----------
+        cost : callable
+            Of a stage, a single number: cost(x, u), with theta behind them if the system has parameters, and the stage's row of `references`
+            if there are any. Called once, with numbers that record. Where it is not convex the search may end early.
+        last : callable, optional
+            Of the last state likewise, without u.
+        start : array [state]
+            Where it begins.
+        stages : int
+            Steps.
+        conditions : callable, optional
+            Called as `cost`: numbers that must not be above 0 in any stage.
+        references : array [stages + 1, number], optional
+            What changes from stage to stage: a target, a weight.
+        lower, upper : array [input], optional
+            Bounds of the inputs; they have none by default.
+        quaternions : list of int
+            Places in the state where unit quaternions begin.
+        guess : array [stages, input], optional
+            Inputs that the search begins with, zeros by default.
+        parameters : array [parameter], optional
+            Nominal ones by default.
+        iterations : int, optional
+            Most of them.
+        progress : callable, optional
+            Called with (iteration, cost, gap, violation) of every iteration. An exception ends the search and is raised.
+
+        All arrays are float64. A search that ends before the tolerances are met raises nothing: look at `solved` or `status`. Times of a
+        system without `dt` count steps.
+        """
+    @property
+    def parameter_names(self, /) -> list[str]:
+        """
+        Names of the parameters, in the order of theta: "p1" and so on where none were given.
+        """
     @property
     def parameters(self, /) -> Any:
         """
@@ -1321,6 +1927,11 @@ class System:
         """
         Cotangents of `state`, `inputs` and `parameters`, in this order, for `cotangents` [T + 1, state] of their trajectory: one reverse
         sweep for all, new float64 arrays.
+        """
+    @property
+    def state_names(self, /) -> list[str]:
+        """
+        Names of the states: "x1" and so on where none were given.
         """
     def trajectory(self, /, state: Any, inputs: Any, parameters: Any | None = None) -> Any:
         """
@@ -1350,6 +1961,51 @@ class Tape:
     def horizon(self, /) -> int:
         """
         Steps that fit.
+        """
+
+@final
+class TrackPath:
+    """
+    A lemniscate that episodes draw: where tasks of the library that follow a path have theirs from. Its numbers stand in the goal.
+
+    Parameters
+    ----------
+    dt : float
+        Seconds per step: `self.dt` of a task.
+    **settings
+        Those of `omnidrones.PathSettings`. `TrackPath.of(task)` takes all of it from a task that has them.
+    """
+    def __new__(cls, dt: SupportsFloat | SupportsIndex, /, **settings) -> TrackPath: ...
+    @staticmethod
+    def _settings() -> list[tuple[str, Any, str, str, str]]:
+        """
+        What `PathSettings` consists of: key, default, unit, meaning, domain.
+        """
+    def at(self, /, goal: Any, step: Any) -> Any:
+        """
+        The point of the path at a step, m, world, [3].
+        """
+    def draw(self, /, start: Start) -> Any:
+        """
+        Draws a path, and writes it into the goal; where it begins, m, world, [3].
+        """
+    def far(self, /, goal: Any, error: Any) -> Any:
+        """
+        Whether an error, m, is beyond the reset distance of the episode.
+        """
+    def join(self, /, start: Start, first: SupportsIndex = 0, *, lever: Any | None = None) -> None:
+        """
+        Gives the root of tree 0 the velocity along the path, where the episode begins along it (`start_along`). `first` is the place of the
+        path in the goal. With a `lever` (m) the root leans as it is held by its thrust along the path, the point that far below it.
+        """
+    @staticmethod
+    def of(task: Any) -> TrackPath:
+        """
+        Of a task with `PathSettings`.
+        """
+    def velocity(self, /, goal: Any, step: Any) -> Any:
+        """
+        Its velocity at a step, m/s, world, [3].
         """
 
 @final
@@ -1395,8 +2051,8 @@ class VecEnv:
 
     Parameters
     ----------
-    name : str
-        A task, as `omnidrones.tasks()` lists them; case does not matter.
+    name : str or Task
+        A task, as `omnidrones.tasks()` lists them; case does not matter. Or a class of your own, `omnidrones.Task`.
     num_envs : int, optional
         E; 4096 unless `config` says otherwise.
     config : dict or path or str, optional
@@ -1409,7 +2065,8 @@ class VecEnv:
         Sets of arrays that take turns: arrays of a step stay as they are for `ring - 1` further steps.
     **settings
         Settings by name, over `config`: `dt=0.01`, `control="rate"`, `autoreset="disabled"`, and those of the task: `horizon=200`.
-        `vehicle` is a name, a `Vehicle`, or the path of a TOML or URDF file. None leaves a setting out.
+        `vehicle` is a name, a `Vehicle`, or the path of a TOML or URDF file. None leaves a setting out. Functions called `reward`,
+        `observe`, `ends`, ... take the place of the task's own.
 
     Arrays are `float32` and row-major (flags `bool`), SI units; the library owns and reuses them. `env.spec` names every
     number with its unit.
@@ -1421,12 +2078,20 @@ class VecEnv:
     OSError
         For files that cannot be read.
     """
-    def __new__(cls, name: str, /, num_envs: SupportsIndex | None = None, *, config: Any | None = None, seed: Any | None = None, threads: SupportsIndex | None = None, ring: SupportsIndex = 2, **settings) -> VecEnv: ...
+    def __new__(cls, name: Any, /, num_envs: SupportsIndex | None = None, *, config: Any | None = None, seed: Any | None = None, threads: SupportsIndex | None = None, ring: SupportsIndex = 2, **settings) -> VecEnv: ...
     def __reduce__(self, /) -> tuple[Any, tuple]:
         """
         Pickles and copies are of the settings and the exact state, with its observations.
         """
     def __repr__(self, /) -> str: ...
+    def _is_recorded_alike(self, /, other: VecEnv) -> bool:
+        """
+        Whether another batch runs the very programs of this one, gradients too.
+        """
+    def _printed(self, /) -> list[tuple[str, str]]:
+        """
+        What was recorded for it, printed, by name.
+        """
     def _steps(self, /, actions: Any, n: SupportsIndex) -> Any:
         """
         `n` steps in a loop without Python, through the rows of `actions` [set, E, A, action] in turn: what the benchmark sets the
@@ -1703,24 +2368,211 @@ class Vehicle:
         What of its numbers is probably not meant: other units, an inertia that nobody gave, rotors that do not push up.
         """
 
-def _evaluation(shards: SupportsGetItem[int, tuple[Any, Any, Any, Any, Any]], policy: Any, name: str | None = None, *, config: Any | None = None, **settings) -> dict:
+@final
+class View:
+    """
+    What a task sees after a step. Numbers record: they have no values until environments run.
+    """
+    def body(self, /, body: SupportsIndex | str) -> Motion:
+        """
+        Motion of a body of what flies, by number or name.
+        """
+    def clearance(self, /, segments: Any, radius: SupportsFloat | SupportsIndex, *, tree: SupportsIndex = 0) -> Any:
+        """
+        Least distance of the shapes of a tree (a drone of a team, what flies else) that touch to capsules of `radius` (m) around segments,
+        [n, 2, 3], m, world: negative where they overlap. `Gate.bars` gives those of a gate.
+        """
+    def clearance_to_columns(self, /, places: Any, radii: SupportsGetItem[int, SupportsFloat | SupportsIndex], *, most: SupportsFloat | SupportsIndex = 10.0, drone: SupportsIndex = 0) -> Any:
+        """
+        Least distance of a drone, propellers included, to upright columns at `places` (x, y), [n, 2], m, world, that are higher than it flies,
+        up to `most` (m); `radii` (m), [n], are constants.
+        """
+    @property
+    def clock(self, /) -> Any:
+        """
+        Share of the time that is over, k/T.
+        """
+    def drone(self, /, drone: SupportsIndex = 0) -> Motion:
+        """
+        Motion of a drone.
+        """
+    def effort(self, /, drone: SupportsIndex = 0) -> Any:
+        """
+        The sum of `throttle`, e.
+        """
+    @property
+    def goal(self, /) -> Any:
+        """
+        What stays through the episode: all numbers of the goal, in the order in which they were written.
+        """
+    def goal_field(self, /, name: str) -> Any:
+        """
+        A field of the goal, by the name that it was written with: a number, or an array of its numbers.
+        """
+    def joint(self, /, name: str) -> Any:
+        """
+        Angle (rad) or way (m) of a hinge or slide, by name, and its rate, [2].
+        """
+    def kept(self, /, name: str) -> Any:
+        """
+        A field of the task state, by the name that `remember` writes it with.
+        """
+    def mean_effort_reward(self, /) -> Any:
+        """
+        The mean of exp(-e) over the drones.
+        """
+    @property
+    def n_drone(self, /) -> int:
+        """
+        Drones.
+        """
+    @property
+    def speeds_before(self, /) -> Any:
+        """
+        Rotor speeds before the step, rad/s, of all drones.
+        """
+    @property
+    def state(self, /) -> Any:
+        """
+        State of the physics, SI, in the robot's layout; `omnidrones.Robot.state_names` names the numbers.
+        """
+    @property
+    def step(self, /) -> Any:
+        """
+        Steps since the episode began, k.
+        """
+    @property
+    def task_state(self, /) -> Any:
+        """
+        What the task keeps from step to step, in the order of `remember`; zeros where an episode begins.
+        """
+    def throttle(self, /, drone: SupportsIndex = 0) -> Any:
+        """
+        Speeds of a drone's rotors as shares of the largest, s, [rotor].
+        """
+    def throttle_difference(self, /, drone: SupportsIndex = 0) -> Any:
+        """
+        By how much `throttle` differs from that before the step: the norm over a drone's rotors.
+        """
+
+@final
+class Writer:
+    """
+    Takes numbers one after the other, and what they are called.
+    """
+    def field(self, /, name: str, unit: str, meaning: str, numbers: Any | None = None, *, low: SupportsFloat | SupportsIndex = ..., high: SupportsFloat | SupportsIndex = ..., smoothness: str = "smooth", layout: Any | None = None) -> None:
+        """
+        A field of an observation, a state or a memory: its name, unit (with the frame), meaning, and its numbers.
+
+        Each number lies within [`low`, `high`], where these are given. `smoothness` says how far gradients may be trusted: "smooth",
+        "piecewise", "non_smooth". `layout` says how they are arranged: ("members", n), ("image", height, width, channels),
+        ("lidar", rows, columns). Numbers may be left out and follow by `write`.
+        """
+    def metric(self, /, name: str, unit: str, number: Any) -> None:
+        """
+        A figure that is reported in every step, in this unit; the first is the error, as a rule.
+        """
+    def observe_clock(self, /, view: View) -> None:
+        """
+        The share of the time that is over, four times: a network hears it.
+        """
+    def observe_drone(self, /, view: View, drone: SupportsIndex = 0) -> None:
+        """
+        The part of a drone's observation that all tasks share: attitude (w >= 0), velocity, angular velocity, heading, up, throttle
+        2s - 1 per rotor, then direction and rate of every drive.
+        """
+    def term(self, /, name: str, formula: str, bound: SupportsFloat | SupportsIndex, number: Any, *, low: SupportsFloat | SupportsIndex = 0.0, smoothness: str = "smooth") -> None:
+        """
+        A summand of the reward: its name, formula, the largest value that it may have in a step, and the number. Its least value is `low`.
+        """
+    def unnamed(self, /, write: Any) -> None:
+        """
+        What `write` writes, as parts of the field that is open, whatever names it gives them: `write` is called with this writer.
+        """
+    def write(self, /, numbers: Any) -> None:
+        """
+        More numbers of the field that is open.
+        """
+
+def _carried(name: Any, settings: dict, *, training: bool = False) -> tuple[str, bytes | None, dict]:
+    """
+    A task and its settings for another process: its name, bytes for `_register_record` there (None for a task of the library), and the
+    settings that are left.
+    """
+
+def _check_places(places: Any) -> None:
+    """
+    Raises unless all places, int64 [n], may be read here.
+    """
+
+def _compute(name: str, rows: Any, settings: SupportsGetItem[int, SupportsFloat | SupportsIndex] = ...) -> Any:
+    """
+    The same operation on plain numbers, float64 [n, operand] to float64 [n, result].
+    """
+
+def _constants(values: Any) -> Any:
+    """
+    Places of constants, float64 [n] to int64 [n].
+    """
+
+def _evaluation(shards: SupportsGetItem[int, tuple[Any, Any, Any, Any, Any]], policy: Any, name: Any | None = None, *, config: Any | None = None, **settings) -> dict:
     """
     What `evaluate` tells, of shards in the order of their environments.
     """
 
-def _fly_shard(policy: Any, name: str | None, num_envs: SupportsIndex, first_environment: SupportsIndex, *, seed: SupportsIndex = 1000003, threads: SupportsIndex | None = None, config: Any | None = None, **settings) -> tuple[Any, Any, Any, Any, Any]:
+def _fly_shard(policy: Any, name: Any | None, num_envs: SupportsIndex, first_environment: SupportsIndex, *, seed: SupportsIndex = 1000003, threads: SupportsIndex | None = None, config: Any | None = None, **settings) -> tuple[Any, Any, Any, Any, Any]:
     """
     The episodes of a shard of an evaluation, for `_evaluation`.
     """
 
-def _restore(task: str, config: str, seed: SupportsIndex, threads: SupportsIndex | None, ring: SupportsIndex, state: bytes) -> VecEnv:
+def _is_recording() -> bool:
+    """
+    Whether something is being recorded on this thread.
+    """
+
+def _record(name: str, rows: Any, settings: SupportsGetItem[int, SupportsFloat | SupportsIndex] = ...) -> Any:
+    """
+    Records an operation on rows of places, int64 [n, operand] to int64 [n, result].
+    """
+
+def _register(name: str, task: Any, base: str | None = None) -> str:
+    """
+    Makes a class known by a name; with a `base`, an object whose methods take the place of that task's. Its name.
+    """
+
+def _register_record(record: bytes) -> str:
+    """
+    Makes the task of a record known by its name, unless a class of that name is; its name.
+    """
+
+def _restore(task: str, config: str, seed: SupportsIndex, threads: SupportsIndex | None, ring: SupportsIndex, state: bytes, record: bytes | None = None) -> VecEnv:
     """
     What `VecEnv.__reduce__` took apart.
     """
 
-def _restore_policy(task: str, config: str, parameters: Any, statistics: tuple[SupportsFloat | SupportsIndex, SupportsGetItem[int, SupportsFloat | SupportsIndex], SupportsGetItem[int, SupportsFloat | SupportsIndex]] | None) -> Policy:
+def _restore_policy(task: str, config: str, parameters: Any, statistics: tuple[SupportsFloat | SupportsIndex, SupportsGetItem[int, SupportsFloat | SupportsIndex], SupportsGetItem[int, SupportsFloat | SupportsIndex]] | None, record: bytes | None = None) -> Policy:
     """
     What `Policy.__reduce__` took apart.
+    """
+
+def _restore_system(recording: bytes, states: SupportsGetItem[int, str], inputs: SupportsGetItem[int, str], theta: tuple[SupportsGetItem[int, str], SupportsGetItem[int, SupportsFloat | SupportsIndex], SupportsGetItem[int, tuple[str, SupportsGetItem[int, SupportsIndex]]] | None] | None, integrated: tuple[SupportsIndex, SupportsFloat | SupportsIndex] | None, dt: SupportsFloat | SupportsIndex | None) -> System:
+    """
+    What `System.__reduce__` took apart.
+    """
+
+def _setting_keys() -> list[str]:
+    """
+    Keys of environments and of training: no settings of tasks.
+    """
+
+def _task_name(name: str) -> str:
+    """
+    The name of a task as the registry has it.
+    """
+
+def _task_spec(name: str) -> str:
+    """
+    What a task says of itself, as JSON: everything that is named where it is written.
     """
 
 def allocate(vehicle: Any, wrench: SupportsLenAndGetItem[SupportsFloat | SupportsIndex], /, *, effectiveness: SupportsGetItem[int, SupportsFloat | SupportsIndex] | None = None, yaw_last: bool = False) -> Allocation:
@@ -1738,20 +2590,28 @@ def allocate(vehicle: Any, wrench: SupportsLenAndGetItem[SupportsFloat | Support
         Thrust, roll and pitch first; side forces and yaw with what is left.
     """
 
+def attitude_error(desired: Any, actual: Any) -> Any:
+    """
+    The sine of the angle between a wanted and a measured attitude, body to world [3, 3], times its axis, body [3]; beyond 90 degrees
+    the axis.
+    """
+
 def configurations() -> list[str]:
     """
     Names of the built-in systems of bodies.
     """
 
-def design(vehicle: Any, /, *, gains: Mapping | None = None, rates: dict | None = None, latency: SupportsIndex = 0, wind: SupportsLenAndGetItem[SupportsFloat | SupportsIndex] | None = None, **physics) -> Design:
+def design(vehicle: Any, /, *, controller: Any | None = None, gains: Mapping | None = None, rates: dict | None = None, latency: SupportsIndex = 0, wind: SupportsLenAndGetItem[SupportsFloat | SupportsIndex] | None = None, **physics) -> Design:
     """
     What a vehicle's control loop bears about hover, as `omnidrones design` reports it.
 
     Parameters
     ----------
     vehicle : Vehicle or str or path
+    controller : str or ControlLaw, optional
+        As "lqi", or one of your own, in place of the cascade.
     gains : dict, optional
-        As `Vehicle.gains`, which are the default.
+        Of the cascade, as `Vehicle.gains`, which are the default.
     rates : dict, optional
         How often each level computes, Hz: "velocity", "attitude", "rate".
     latency : int
@@ -1762,7 +2622,7 @@ def design(vehicle: Any, /, *, gains: Mapping | None = None, rates: dict | None 
         `dt=0.002` (s), `substeps`, `integrator`, `effects`.
     """
 
-def evaluate(policy: Any, name: str | None = None, *, num_envs: SupportsIndex = 1024, seed: SupportsIndex = 1000003, threads: SupportsIndex | None = None, config: Any | None = None, **settings) -> dict:
+def evaluate(policy: Any, name: Any | None = None, *, num_envs: SupportsIndex = 1024, seed: SupportsIndex = 1000003, threads: SupportsIndex | None = None, config: Any | None = None, **settings) -> dict:
     """
     Flies one episode from each of so many starts and tells how well: by name "success" with "success_interval" (95 %, Wilson),
     "crashed", "return_mean", "final_error", "ends", "activity" of the commands of rotors, and more.
@@ -1833,7 +2693,7 @@ def export_onnx(policy: Any, /, path: str | PathLike[str] | None = None, *, agen
         Whether a file that is there is replaced.
     """
 
-def fly(plant: Any, /, *, controller: str | None = None, gains: Mapping | None = None, sensors: Any | None = None, estimator: Any | None = None, **plan) -> Flight:
+def fly(plant: Any, /, *, controller: Any | None = None, gains: Mapping | None = None, sensors: Any | None = None, estimator: Any | None = None, **plan) -> Flight:
     """
     Flies a vehicle or a configuration along a reference under a controller.
 
@@ -1841,8 +2701,8 @@ def fly(plant: Any, /, *, controller: str | None = None, gains: Mapping | None =
     ----------
     plant : Vehicle or str or path
         A vehicle, its name or file, or a configuration as `configurations()` lists them.
-    controller : str, optional
-        As "indi"; the first that suits the plant by default.
+    controller : str or ControlLaw, optional
+        As "indi", or one of your own; the first that suits the plant by default.
     gains : dict, optional
         As `Vehicle.gains`.
     sensors : str or list of dict or path, optional
@@ -1854,7 +2714,9 @@ def fly(plant: Any, /, *, controller: str | None = None, gains: Mapping | None =
     **plan
         `duration=15.0` (s), `reference={"kind": "circle", ...}`, `physics={"dt": 0.002}`, `rates`, `wind`, `failures`, `latency` (steps),
         `detection_delay` (s), `seed`, `tilt`, `filters=[{"kind": "low_pass", "frequency": 80.0}]` (of the measured angular velocity): the
-        fields of a flight plan.
+        fields of a flight plan. `reference` may be a function of the time (s), called once, with a number that records, that returns a
+        position [3] (m), or a tuple of it and a yaw (rad): derivatives up to snap are exact. `wind` may be one that returns a velocity of
+        the air [3], m/s, world.
     """
 
 def linearise(plant: Any, /, *, velocity: SupportsLenAndGetItem[SupportsFloat | SupportsIndex] = ..., yaw_rate: SupportsFloat | SupportsIndex = 0.0, roll: SupportsFloat | SupportsIndex | None = None, pitch: SupportsFloat | SupportsIndex | None = None, wind: SupportsLenAndGetItem[SupportsFloat | SupportsIndex] | None = None, fail: dict | None = None, **physics) -> Trim:
@@ -1915,6 +2777,24 @@ def lqr(model: StateSpace, Q: Any, R: Any, /) -> Regulator:
         float64, symmetric, positive definite.
     """
 
+def monte_carlo(plant: Any, /, *, controller: Any | None = None, gains: Mapping | None = None, **plan) -> MonteCarloRun:
+    """
+    Flies thousands of plants that differ, side by side, under one controller that believes the nominal one.
+
+    Parameters
+    ----------
+    plant : Vehicle or str or path
+    controller : str or ControlLaw, optional
+        One that flies in lanes: "cascade" (default), "lqi", "lqr" of a vehicle, "formation" of a configuration, or one of your own.
+    gains : dict, optional
+        As `Vehicle.gains`.
+    **plan
+        `n=10000`, `vary={"mass": 0.2, "inertia": 0.2, "thrust_coefficient": 0.1}` (factors within 1 - 0.2 and 1 + 0.2: names of
+        `Loop.parameter_names`, or what several end in behind their point), `wind=0.0` (m/s at most, steady, from any side),
+        `position_spread=0.3` (m), `velocity_spread=0.3` (m/s), `tilt_spread=0.2` (rad), `duration=10.0` (s), `transient=2.0` (s),
+        `reference`, `rates`, `latency` (steps), `physics`, `seed=0`, `confidence=0.95`.
+    """
+
 def optimise(problem: Any, /, *, guess: Any | None = None, iterations: SupportsIndex | None = None, progress: Any | None = None) -> OptimalTrajectory:
     """
     The trajectory of least cost of a problem: a vehicle or a configuration, a start and a goal, gates and obstacles on the way.
@@ -1952,6 +2832,34 @@ def plot(curves: dict, /, *, title: str = "", x: str = "", y: str = "", log_x: b
 def recipes(task: str) -> list[str]:
     """
     Names of the algorithms that have a recipe for a task, the usual one first.
+    """
+
+def recovery_map(plant: Any, /, *, controller: Any | None = None, gains: Mapping | None = None, rates: dict | None = None, tilt: tuple[SupportsFloat | SupportsIndex, SupportsIndex] = ..., rate: tuple[SupportsFloat | SupportsIndex, SupportsIndex] = ..., speed: SupportsFloat | SupportsIndex = 0.0, n: SupportsIndex = 64, duration: SupportsFloat | SupportsIndex = 6.0, confidence: SupportsFloat | SupportsIndex = 0.95, seed: SupportsIndex = 0, **physics) -> RecoveryMap:
+    """
+    Flies a plant from starts of all tilts and body rates, and counts which a controller brings back within half a metre of where it was
+    let go.
+
+    Parameters
+    ----------
+    plant : Vehicle or str or path
+    controller : str or ControlLaw, optional
+        The first that suits by default.
+    gains, rates : dict, optional
+        As of `fly`.
+    tilt, rate : tuple of float and int
+        The largest tilt (rad) and body rate (rad/s), and in how many intervals from zero.
+    speed : float
+        Of a start, at most, m/s.
+    n : int
+        Starts per cell.
+    duration : float
+        Of a flight, at most, s.
+    confidence : float
+        Of the bounds.
+    seed : int
+        Of the starts.
+    **physics
+        `dt=0.002` (s), `substeps`, `integrator`, `effects`.
     """
 
 def solve_stage_qp(A: Any, B: Any, c: Any | None, Q: Any, S: Any | None, R: Any, q: Any | None, r: Any | None, lower: Any | None, upper: Any | None, x0: Any, *, tolerance: SupportsFloat | SupportsIndex = 1e-9, iterations: SupportsIndex = 60) -> StageQpSolution:
@@ -2005,15 +2913,15 @@ def tasks() -> list[str]:
     Names of the tasks.
     """
 
-def train(name: str, /, config: Any | None = None, *, algorithm: str | None = None, seed: SupportsIndex | None = None, threads: SupportsIndex | None = None, folder: str | PathLike[str] | None = None, resume: bool = False, watch: Any | None = None, **settings) -> Run:
+def train(name: Any, /, config: Any | None = None, *, algorithm: str | None = None, seed: SupportsIndex | None = None, threads: SupportsIndex | None = None, folder: str | PathLike[str] | None = None, resume: bool = False, watch: Any | None = None, **settings) -> Run:
     """
     Trains a policy for a task, from random weights or from where a folder stopped, and evaluates it on starts that training
     never saw.
 
     Parameters
     ----------
-    name : str
-        A task.
+    name : str or Task
+        A task, or a class of your own.
     config : dict or path or str, optional
         Settings of the run over the task's recipe, as `omnidrones train TASK --toml` prints them: a dict, a TOML file, or TOML.
     algorithm : str, optional
@@ -2030,16 +2938,18 @@ def train(name: str, /, config: Any | None = None, *, algorithm: str | None = No
         As in `config`, by name: `evaluate={"envs": 64}`, `apg={"updates": 100}`, and those of the environment: `dt=0.01`, `horizon=200`.
     """
 
-def tune(vehicle: Any, /, *, gains: Mapping | None = None, watch: Any | None = None, **plan) -> dict:
+def tune(vehicle: Any, /, *, controller: Any | None = None, gains: Mapping | None = None, watch: Any | None = None, **plan) -> dict:
     """
-    Tunes the gains of a vehicle's cascade by gradients through closed-loop flights, and judges them on starts that tuning did not
-    see: a dict with "gains", "before" and "after" (held-out flights: "rmse", "worst" in m, "crashed").
+    Tunes the gains of a vehicle's cascade, or of a controller of one's own, by gradients through closed-loop flights, and judges them on
+    starts that tuning did not see: a dict with "gains", "before" and "after" (held-out flights: "rmse", "worst" in m, "crashed").
 
     Parameters
     ----------
     vehicle : Vehicle or str or path
+    controller : ControlLaw, optional
+        Whose gains are tuned, from their own values: all of them must be positive.
     gains : dict, optional
-        To begin from; the vehicle's own by default.
+        Of the cascade, to begin from; the vehicle's own by default.
     watch : callable, optional
         Called with (iteration, error in m) of every step.
     **plan

@@ -44,3 +44,9 @@ def register() -> None:
         from . import gym  # noqa: F401
     else:
         sys.meta_path.insert(0, _Finder)
+
+
+def again() -> None:
+    """Ids of tasks that are new since, where Gymnasium is there."""
+    if "omnidrones.gym" in sys.modules:
+        sys.modules["omnidrones.gym"].register()

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from . import _core
 from ._spec import Spec, Step
+from ._task import Task
 
 HAS_BATCHES = hasattr(gymnasium.vector, "AutoresetMode")
 """Gymnasium before 1.1 has environments one by one alone."""
@@ -49,11 +50,11 @@ def team_spaces(spec: Spec) -> tuple[spaces.Box, spaces.Space[Any]]:
 
 
 class Env(gymnasium.Env[NDArray[np.float32], Any]):
-    """One environment of a task. Settings are those of `omnidrones.make`."""
+    """One environment of a task, by its name or class. Settings are those of `omnidrones.make`."""
 
     metadata: dict[str, Any] = {"render_modes": []}
 
-    def __init__(self, name: str, render_mode: None = None, **settings: Any) -> None:
+    def __init__(self, name: str | type[Task], render_mode: None = None, **settings: Any) -> None:
         self.batch = _core.VecEnv(name, 1, autoreset="disabled", threads=1, ring=1, **settings)
         self.observation_space: spaces.Space[Any]
         self.observation_space, self.action_space = team_spaces(self.batch.spec)
@@ -105,8 +106,8 @@ if HAS_BATCHES:
 
         Parameters
         ----------
-        name : str
-            A task.
+        name : str or Task
+            A task: its name, or a class of one's own.
         num_envs : int
         autoreset_mode : AutoresetMode or str
             What a done environment does; Gymnasium's default, "NextStep".
@@ -123,7 +124,7 @@ if HAS_BATCHES:
 
         def __init__(
             self,
-            name: str,
+            name: str | type[Task],
             num_envs: int = 1,
             autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
             copy: bool = True,

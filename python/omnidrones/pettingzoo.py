@@ -10,18 +10,19 @@ from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
 from . import _core
+from ._task import Task
 from .gym import NO_BOUND, agent_spaces
 
 
 class parallel_env(ParallelEnv):
-    """One environment of a task as PettingZoo's parallel API has it. Settings are those of `omnidrones.make`.
+    """One environment of a task, by its name or class, as PettingZoo's parallel API has it. Settings are those of `omnidrones.make`.
 
     Agents are called "drone_0" and so on, share the reward of the team, and end together. `state()` is the central state.
     """
 
     metadata: dict[str, Any] = {"name": "omnidrones", "render_modes": [], "is_parallelizable": True}
 
-    def __init__(self, name: str, render_mode: None = None, **settings: Any) -> None:
+    def __init__(self, name: str | type[Task], render_mode: None = None, **settings: Any) -> None:
         self.batch = _core.VecEnv(name, 1, autoreset="disabled", threads=1, ring=1, **settings)
         spec = self.batch.spec
         self.render_mode = render_mode

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from ray.exceptions import RayActorError
 
 from . import _core
+from ._task import Task
 
 Act = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 
@@ -35,10 +36,19 @@ def _cut(num_envs: int, workers: int) -> list[tuple[int, int]]:
     return [(begin, end - begin) for begin, end in zip(ends, ends[1:])]
 
 
+def _known(record: bytes | None) -> None:
+    """Makes a task of one's own known in a worker, which has no class of it."""
+    if record is not None:
+        _core._register_record(record)
+
+
 class _Shard:
     """One shard. Every call returns its rows and the state behind them, which the driver fetches and keeps."""
 
-    def __init__(self, name: str, num_envs: int, settings: dict[str, Any], state: bytes | None) -> None:
+    def __init__(
+        self, name: str, num_envs: int, settings: dict[str, Any], record: bytes | None, state: bytes | None
+    ) -> None:
+        _known(record)
         self.env = _core.VecEnv(name, num_envs, **settings)
         if state is not None:
             self.env.load(state)
@@ -79,8 +89,8 @@ class Shards:
 
     Parameters
     ----------
-    name : str
-        A task.
+    name : str or Task
+        A task; a class of your own goes to the workers as what was recorded of it.
     num_envs : int
         Environments of all shards together.
     workers : int
@@ -91,11 +101,12 @@ class Shards:
         Those of `omnidrones.make`.
     """
 
-    def __init__(self, name: str, num_envs: int, workers: int, *, cpus: float = 1, **settings: Any) -> None:
+    def __init__(self, name: str | type[Task], num_envs: int, workers: int, *, cpus: float = 1, **settings: Any) -> None:
+        name, record, settings = _core._carried(name, settings)
         settings = {"threads": 1, "first_environment": 0} | settings
         first, self._made = settings["first_environment"], []
         for begin, n in _cut(num_envs, workers):
-            self._made.append((name, n, settings | {"first_environment": first + begin}))
+            self._made.append((name, n, settings | {"first_environment": first + begin}, record))
         self._cpus = cpus
         self._states: list[Any] = [None] * workers
         self.workers = [self._worker(k) for k in range(workers)]
@@ -150,7 +161,7 @@ class Shards:
 
 def evaluate(
     policy: _core.Policy | Act,
-    name: str | None = None,
+    name: str | type[Task] | None = None,
     *,
     num_envs: int = 1024,
     workers: int,
@@ -168,20 +179,26 @@ def evaluate(
     cpus : float
         Of each part, for Ray's schedule. A part that is lost is flown again.
     """
+    record = None
+    if name is not None:
+        name, record, how = _core._carried(name, how)
     shared, own = ray.put(policy), {"threads": 1} | how
     fly = _fly.options(num_cpus=cpus, max_retries=_REPLACEMENTS)
-    rows = ray.get([fly.remote(shared, name, n, first, own) for first, n in _cut(num_envs, workers)])
+    rows = ray.get([fly.remote(shared, name, n, first, own, record) for first, n in _cut(num_envs, workers)])
     environments = {key: value for key, value in own.items() if key not in ("threads", "seed")}
     return _core._evaluation(rows, policy, name, **environments)
 
 
 @ray.remote
-def _fly(policy: Any, name: str | None, num_envs: int, first: int, how: dict[str, Any]) -> Any:
+def _fly(
+    policy: Any, name: str | None, num_envs: int, first: int, how: dict[str, Any], record: bytes | None
+) -> Any:
+    _known(record)
     return _core._fly_shard(policy, name, num_envs, first, **how)
 
 
 def train_all(
-    tasks: Iterable[str] | None = None,
+    tasks: str | type[Task] | Iterable[str | type[Task]] | None = None,
     *,
     seeds: int = 5,
     folder: str | os.PathLike[str],
@@ -195,7 +212,7 @@ def train_all(
 
     Parameters
     ----------
-    tasks : str or iterable of str, optional
+    tasks : str or Task, or iterable of them, optional
         All by default.
     seeds : int
         Runs of each task, of the seeds 0 to seeds - 1.
@@ -216,12 +233,18 @@ def train_all(
     RuntimeError
         At the end, for runs that failed by themselves; the others are kept.
     """
-    names = list(_core.tasks() if tasks is None else [tasks] if isinstance(tasks, str) else tasks)
+    given = list(_core.tasks() if tasks is None else [tasks] if isinstance(tasks, (str, type)) else tasks)
+    told = [_core._carried(task, settings, training=True) for task in given]
+    names, carried = [name for name, _, _ in told], {name: (record, rest) for name, record, rest in told}
     if len(set(names)) < len(names):
         raise ValueError(f"tasks are {names}, but each may stand once. Take more seeds for more runs.")
     runs = [(task, seed) for task in names for seed in range(seeds)]
-    train, own = _train.options(num_cpus=cpus, max_retries=_REPLACEMENTS), {"threads": max(1, int(cpus))} | settings
-    pending = [train.remote(task, seed, str(Path(folder).absolute() / f"{task}-{seed}"), own) for task, seed in runs]
+    train = _train.options(num_cpus=cpus, max_retries=_REPLACEMENTS)
+    pending = []
+    for task, seed in runs:
+        record, rest = carried[task]
+        own = {"threads": max(1, int(cpus))} | rest
+        pending.append(train.remote(task, seed, str(Path(folder).absolute() / f"{task}-{seed}"), own, record))
     rows, failed = [], []
     try:
         for (task, seed), row in zip(runs, pending):
@@ -239,8 +262,9 @@ def train_all(
 
 
 @ray.remote
-def _train(task: str, seed: int, folder: str, settings: dict[str, Any]) -> dict[str, Any]:
+def _train(task: str, seed: int, folder: str, settings: dict[str, Any], record: bytes | None) -> dict[str, Any]:
     """What is in the folder is gone on with: a run that lost its worker."""
+    _known(record)
     run = _core.train(task, seed=seed, folder=folder, resume=True, **settings)
     told = {"task": task, "seed": seed, "updates": run.updates, "env_steps": run.env_steps, "seconds": run.seconds}
     return told | run.evaluation

@@ -11,17 +11,18 @@ from numpy.typing import NDArray
 from stable_baselines3.common import vec_env
 
 from . import _core
+from ._task import Task
 from .gym import team_spaces
 
 
 class VecEnv(vec_env.VecEnv):
-    """Many environments of a task for Stable-Baselines3. Settings are those of `omnidrones.make`.
+    """Many environments of a task, by its name or class, for Stable-Baselines3. Settings are those of `omnidrones.make`.
 
     Infos of ended episodes have `terminal_observation`, `TimeLimit.truncated`, `episode` (return, length, seconds) and the task's
     figures by name; those of others are empty.
     """
 
-    def __init__(self, name: str, num_envs: int, **settings: Any) -> None:
+    def __init__(self, name: str | type[Task], num_envs: int, **settings: Any) -> None:
         if settings.get("info") is not None:
             # of every episode that ends these two are told
             settings["info"] = [*settings["info"], "return", "length"]

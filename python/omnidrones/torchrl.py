@@ -11,16 +11,17 @@ from torchrl.data import Bounded, Categorical, Composite, MultiCategorical, Unbo
 from torchrl.envs import EnvBase
 
 from . import _core
+from ._task import Task
 
 
 class Env(EnvBase):
-    """Many environments of a task, batch size [E]. Settings are those of `omnidrones.make`.
+    """Many environments of a task, by its name or class, batch size [E]. Settings are those of `omnidrones.make`.
 
     Agents of a team follow each other in "observation" [E, A * observation] and "action" [E, A * action]; "reward" is that of the
     team, [E, 1]. TorchRL resets what is done, so that the last observation of an episode is seen.
     """
 
-    def __init__(self, name: str, num_envs: int, **settings: Any) -> None:
+    def __init__(self, name: str | type[Task], num_envs: int, **settings: Any) -> None:
         self.batch = _core.VecEnv(name, num_envs, autoreset="disabled", **settings)
         super().__init__(device=torch.device("cpu"), batch_size=torch.Size([num_envs]))
         spec, e = self.batch.spec, num_envs

@@ -29,6 +29,9 @@ impl Number for f64 {
 impl Number for bool {
     const NAME: &'static str = "bool";
 }
+impl Number for i64 {
+    const NAME: &'static str = "int64";
+}
 impl Number for u8 {
     const NAME: &'static str = "bool";
 }

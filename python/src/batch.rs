@@ -6,14 +6,17 @@ use crate::arrays::{
 use crate::error::OrRaise;
 use crate::gradient::{Adjoint, Jacobian, Tape, places};
 use crate::settings;
+use crate::task;
 use omnidrones::error::Error;
 use omnidrones::layers::Layer;
 use omnidrones::parallel::Threads;
 use omnidrones::tasks::registry::{self, TaskEntry};
+use omnidrones::tasks::written::TaskRecord;
 use omnidrones::tasks::{Env, EnvConfig, Statistics, StepOut};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyInt, PyTuple};
+use std::sync::Arc;
 use toml::{Table, Value};
 
 /// Most sets of arrays of an environment.
@@ -35,8 +38,8 @@ const ARRAYS: [&str; 9] = [
 ///
 /// Parameters
 /// ----------
-/// name : str
-///     A task, as `omnidrones.tasks()` lists them; case does not matter.
+/// name : str or Task
+///     A task, as `omnidrones.tasks()` lists them; case does not matter. Or a class of your own, `omnidrones.Task`.
 /// num_envs : int, optional
 ///     E; 4096 unless `config` says otherwise.
 /// config : dict or path or str, optional
@@ -49,7 +52,8 @@ const ARRAYS: [&str; 9] = [
 ///     Sets of arrays that take turns: arrays of a step stay as they are for `ring - 1` further steps.
 /// **settings
 ///     Settings by name, over `config`: `dt=0.01`, `control="rate"`, `autoreset="disabled"`, and those of the task: `horizon=200`.
-///     `vehicle` is a name, a `Vehicle`, or the path of a TOML or URDF file. None leaves a setting out.
+///     `vehicle` is a name, a `Vehicle`, or the path of a TOML or URDF file. None leaves a setting out. Functions called `reward`,
+///     `observe`, `ends`, ... take the place of the task's own.
 ///
 /// Arrays are `float32` and row-major (flags `bool`), SI units; the library owns and reuses them. `env.spec` names every
 /// number with its unit.
@@ -64,6 +68,8 @@ const ARRAYS: [&str; 9] = [
 pub struct VecEnv {
     pub env: Env,
     config: Table,
+    /// Of a task that is no type of Rust.
+    record: Option<Arc<TaskRecord>>,
     threads: Option<usize>,
     layout: Layout,
     action: [usize; 3],
@@ -94,6 +100,14 @@ impl Slot {
 /// Threads of a call; without a number those that all share.
 pub fn threads(n: Option<usize>) -> PyResult<Threads> {
     n.map_or(Ok(Threads::default()), Threads::new).or_raise()
+}
+
+fn check_ring(ring: usize) -> PyResult<()> {
+    if (1..=MOST_SETS).contains(&ring) {
+        return Ok(());
+    }
+    let remedy = "2 keep the observation before a step, 1 saves memory.";
+    Err(Error::limit("ring", ring, format!("1 to {MOST_SETS}"), remedy)).or_raise()
 }
 
 /// A seed.
@@ -133,13 +147,20 @@ impl VecEnv {
         n_thread: Option<usize>,
         ring: usize,
     ) -> PyResult<Self> {
-        if !(1..=MOST_SETS).contains(&ring) {
-            let remedy = "2 keep the observation before a step, 1 saves memory.";
-            return Err(Error::limit("ring", ring, format!("1 to {MOST_SETS}"), remedy)).or_raise();
-        }
-        let threads = threads(n_thread)?;
-        let mut env = py.detach(|| entry.env(config)).or_raise()?;
-        env.set_threads(threads);
+        check_ring(ring)?;
+        let config = &task::pinned(py, entry, config.clone())?;
+        let made = py.detach(|| Ok((entry.env(config)?, entry.record(config)?)));
+        Self::around(py, made.or_raise()?, n_thread, ring)
+    }
+
+    fn around(
+        py: Python<'_>,
+        (mut env, record): (Env, Option<Arc<TaskRecord>>),
+        n_thread: Option<usize>,
+        ring: usize,
+    ) -> PyResult<Self> {
+        check_ring(ring)?;
+        env.set_threads(threads(n_thread)?);
         let spec = env.spec();
         let layout = Layout::of(spec);
         let slots = (0..ring).map(|_| Slot::new(py, &layout)).collect::<PyResult<Vec<_>>>()?;
@@ -147,7 +168,7 @@ impl VecEnv {
         let action = [spec.n_env, spec.n_agent, spec.action.len()];
         // TOML has no whole numbers from 2^63 on, seeds are
         let config = Table::try_from(EnvConfig { seed: 0, ..spec.config.clone() }).map_err(crate::error::unexpected)?;
-        Ok(Self { config, threads: n_thread, layout, action, slots, at: 0, spec: python, env })
+        Ok(Self { config, record, threads: n_thread, layout, action, slots, at: 0, spec: python, env })
     }
 
     fn n_env(&self) -> usize {
@@ -191,7 +212,7 @@ impl VecEnv {
     #[expect(clippy::too_many_arguments, reason = "by name in Python")]
     fn new(
         py: Python<'_>,
-        name: &str,
+        name: &Bound<'_, PyAny>,
         num_envs: Option<usize>,
         config: Option<&Bound<'_, PyAny>>,
         seed: Option<&Bound<'_, PyAny>>,
@@ -199,8 +220,8 @@ impl VecEnv {
         ring: usize,
         settings: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<Self> {
-        let entry = registry::by_name(name).or_raise()?;
-        Self::made(py, entry, &config_of(entry, num_envs, config, seed, settings)?, threads, ring)
+        let (entry, settings) = task::entry_of(name, settings)?;
+        Self::made(py, entry, &config_of(entry, num_envs, config, seed, settings.as_ref())?, threads, ring)
     }
 
     /// Names, sizes, units and bounds: a `Spec`.
@@ -567,8 +588,20 @@ impl VecEnv {
         let restore = py.import("omnidrones._core")?.getattr("_restore")?;
         let (task, text) = (self.env.spec().task.as_str(), self.config.to_string());
         let seed = self.env.spec().config.seed;
-        let made = (task, text, seed, self.threads, self.slots.len(), self.save(py)).into_pyobject(py)?;
+        let record = self.record.as_ref().map(|record| record.to_bytes()).transpose().or_raise()?;
+        let record = record.map(|bytes| PyBytes::new(py, &bytes));
+        let made = (task, text, seed, self.threads, self.slots.len(), self.save(py), record).into_pyobject(py)?;
         Ok((restore, made))
+    }
+
+    /// Whether another batch runs the very programs of this one, gradients too.
+    fn _is_recorded_alike(&self, other: &Self) -> bool {
+        self.env.is_recorded_alike(&other.env)
+    }
+
+    /// What was recorded for it, printed, by name.
+    fn _printed(&self) -> Vec<(&'static str, String)> {
+        self.env.printed()
     }
 
     fn __repr__(&self) -> String {
@@ -578,6 +611,8 @@ impl VecEnv {
 
 /// What `VecEnv.__reduce__` took apart.
 #[pyfunction]
+#[pyo3(signature = (task, config, seed, threads, ring, state, record=None))]
+#[expect(clippy::too_many_arguments, reason = "of a pickle")]
 pub fn _restore(
     py: Python<'_>,
     task: &str,
@@ -586,8 +621,11 @@ pub fn _restore(
     threads: Option<usize>,
     ring: usize,
     state: &[u8],
+    record: Option<&[u8]>,
 ) -> PyResult<VecEnv> {
     let config = EnvConfig { seed, ..EnvConfig::from_toml(config, "pickled settings").or_raise()? };
+    // by value: a class of this name may be another one here
+    record.map(task::_register_record).transpose()?;
     let mut env = VecEnv::made(py, registry::by_name(task).or_raise()?, &config, threads, ring)?;
     env.load(py, state)?;
     // rewards, flags and info are those of a step, of which there was none yet; before the first reset nothing is seen either

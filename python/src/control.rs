@@ -1,16 +1,18 @@
 //! Vehicles, flights and linear models, from Python.
 
 use crate::arrays::{self, array, lengths, slice};
+use crate::course::Courses;
 use crate::error::{OrRaise, interruptible, unexpected};
 use crate::estimation::{Estimates, estimator, sensors};
 use crate::figure::Figure;
+use crate::law::{Choice, gains_as_given};
 use crate::settings;
 use nalgebra::DMatrix;
 use omnidrones::controllers::allocation::{Allocator, PrioritisedAllocator, Problem};
 use omnidrones::controllers::design::{self, ErrorState, TrimTarget, TunePlan};
 use omnidrones::controllers::linear::{self, Signal};
-use omnidrones::controllers::registry::{Setup, controller};
-use omnidrones::controllers::{self, FlightCheck, FlightPlan, RotorFailure, check_flight, default_controller};
+use omnidrones::controllers::registry::Setup;
+use omnidrones::controllers::{self, FlightCheck, FlightPlan, RotorFailure, check_flight};
 use omnidrones::dynamics::urdf::{ImportOptions, import_file};
 use omnidrones::dynamics::{self, Disturbance, Gains, Physics, Plant, configurations, vehicles};
 use omnidrones::error::Error;
@@ -303,8 +305,8 @@ impl Flight {
 /// ----------
 /// plant : Vehicle or str or path
 ///     A vehicle, its name or file, or a configuration as `configurations()` lists them.
-/// controller : str, optional
-///     As "indi"; the first that suits the plant by default.
+/// controller : str or ControlLaw, optional
+///     As "indi", or one of your own; the first that suits the plant by default.
 /// gains : dict, optional
 ///     As `Vehicle.gains`.
 /// sensors : str or list of dict or path, optional
@@ -316,30 +318,31 @@ impl Flight {
 /// **plan
 ///     `duration=15.0` (s), `reference={"kind": "circle", ...}`, `physics={"dt": 0.002}`, `rates`, `wind`, `failures`, `latency` (steps),
 ///     `detection_delay` (s), `seed`, `tilt`, `filters=[{"kind": "low_pass", "frequency": 80.0}]` (of the measured angular velocity): the
-///     fields of a flight plan.
+///     fields of a flight plan. `reference` may be a function of the time (s), called once, with a number that records, that returns a
+///     position [3] (m), or a tuple of it and a yaw (rad): derivatives up to snap are exact. `wind` may be one that returns a velocity of
+///     the air [3], m/s, world.
 #[pyfunction]
 #[pyo3(signature = (plant, /, *, controller=None, gains=None, sensors=None, estimator=None, **plan))]
 pub fn fly(
     py: Python<'_>,
     plant: &Bound<'_, PyAny>,
-    controller: Option<&str>,
+    controller: Option<&Bound<'_, PyAny>>,
     gains: Option<&Bound<'_, PyMapping>>,
     sensors: Option<&Bound<'_, PyAny>>,
     estimator: Option<&Bound<'_, PyAny>>,
     plan: Option<&Bound<'_, PyDict>>,
 ) -> PyResult<Flight> {
-    let mut plan: FlightPlan = data("plan", plan)?;
+    let own = Courses::of(plan)?;
+    let mut plan: FlightPlan = data("plan", own.plan.as_ref())?;
+    own.reference.into_iter().for_each(|reference| plan.reference = reference);
+    own.wind.into_iter().for_each(|wind| plan.wind = wind);
     plan.sensors = sensors.map(self::sensors).transpose()?.unwrap_or_default();
     plan.estimator = estimator.map(self::estimator).transpose()?;
     let plant = self::plant(plant, plan.air_physics())?;
-    let gains = gains_of(gains)?;
-    let named = controller;
+    let (choice, gains) = (Choice::of(controller, &plant, gains.is_some())?, gains_of(gains)?);
     let (flight, judgement) = interruptible(py, |said| {
         let setup = Setup { filters: &plan.filters, ..Setup::new(gains.as_ref(), &plan.rates) };
-        let mut own = match named {
-            Some(name) => self::controller(name, &plant, &setup)?,
-            None => default_controller(&plant, &setup)?,
-        };
+        let mut own = choice.build(&plant, &setup)?;
         let flight = controllers::fly_while(&plant, &mut *own, &plan, &mut |_| said.looks())?;
         let judgement = check_flight(&plant, &flight, true)?;
         Ok((flight, judgement))
@@ -375,7 +378,7 @@ fn given(name: &str, own: &Bound<'_, PyAny>) -> PyResult<DMatrix<f64>> {
 }
 
 /// Signals of names as `names` tells them.
-fn signals(letter: &str, names: Option<Vec<String>>, n: usize) -> Vec<Signal> {
+pub fn signals(letter: &str, names: Option<Vec<String>>, n: usize) -> Vec<Signal> {
     let one = |name: &String| match name.strip_suffix(']').and_then(|name| name.rsplit_once(" [")) {
         Some((name, unit)) => Signal::new(name, unit),
         None => Signal::new(name, ""),
@@ -697,42 +700,70 @@ pub fn allocate(
     })
 }
 
-/// Tunes the gains of a vehicle's cascade by gradients through closed-loop flights, and judges them on starts that tuning did not
-/// see: a dict with "gains", "before" and "after" (held-out flights: "rmse", "worst" in m, "crashed").
+/// Tunes the gains of a vehicle's cascade, or of a controller of one's own, by gradients through closed-loop flights, and judges them on
+/// starts that tuning did not see: a dict with "gains", "before" and "after" (held-out flights: "rmse", "worst" in m, "crashed").
 ///
 /// Parameters
 /// ----------
 /// vehicle : Vehicle or str or path
+/// controller : ControlLaw, optional
+///     Whose gains are tuned, from their own values: all of them must be positive.
 /// gains : dict, optional
-///     To begin from; the vehicle's own by default.
+///     Of the cascade, to begin from; the vehicle's own by default.
 /// watch : callable, optional
 ///     Called with (iteration, error in m) of every step.
 /// **plan
 ///     `iterations=60`, `duration=6.0` (s), `reference`, `n_start`, `n_held_out`, `latency` (steps) and more.
 #[pyfunction]
-#[pyo3(signature = (vehicle, /, *, gains=None, watch=None, **plan))]
+#[pyo3(signature = (vehicle, /, *, controller=None, gains=None, watch=None, **plan))]
 pub fn tune<'py>(
     py: Python<'py>,
     vehicle: &Bound<'py, PyAny>,
+    controller: Option<&Bound<'py, PyAny>>,
     gains: Option<&Bound<'py, PyMapping>>,
     watch: Option<Py<PyAny>>,
     plan: Option<&Bound<'py, PyDict>>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let (vehicle, plan) = (self::vehicle(vehicle)?, data::<TunePlan>("plan", plan)?);
+    let own = Courses::of(plan)?;
+    let (vehicle, mut plan) = (self::vehicle(vehicle)?, data::<TunePlan>("plan", own.plan.as_ref())?);
+    own.reference.into_iter().for_each(|reference| plan.reference = reference);
+    let choice = Choice::of(controller, &Plant::of_vehicle(&vehicle, plan.physics).or_raise()?, gains.is_some())?;
+    if let Choice::Named(name) = &choice
+        && name != "cascade"
+    {
+        let remedy = "Leave it out for the cascade, or give a ControlLaw.";
+        return Err(Error::value("controller", name, "the cascade, or one of your own", remedy)).or_raise();
+    }
     let gains = gains_of(gains)?.unwrap_or_else(|| vehicle.gains());
-    let tuning = interruptible(py, |said| {
-        design::tune(&vehicle, &gains, &plan, &mut |step| {
-            let call = |py: Python<'_>, watch: &Py<PyAny>| watch.call1(py, (step.iteration, step.rmse)).map(drop);
+    let (tuned, [before, after]) = interruptible(py, |said| {
+        let mut heard = |iteration: usize, rmse: f64| {
+            let call = |py: Python<'_>, watch: &Py<PyAny>| watch.call1(py, (iteration, rmse)).map(drop);
             let heard = said.hear(|py| watch.as_ref().map_or(Ok(()), |watch| call(py, watch)));
             if heard.is_some() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+        };
+        Ok(match choice.written() {
+            Some(law) => {
+                let tuning = design::tune_law(&vehicle, law, &plan, &mut |step| heard(step.iteration, step.rmse))?;
+                (Err(tuning.gains), tuning.flights)
+            }
+            None => {
+                let tuning = design::tune(&vehicle, &gains, &plan, &mut |step| heard(step.iteration, step.rmse))?;
+                (Ok(tuning.gains), [tuning.before, tuning.after])
+            }
         })
     })?;
     let dict = PyDict::new(py);
-    for (key, own) in [
-        ("gains", Value::try_from(tuning.gains)),
-        ("before", Value::try_from(tuning.before)),
-        ("after", Value::try_from(tuning.after)),
-    ] {
+    match (tuned, controller) {
+        (Err(own), Some(law)) => {
+            let own: Vec<f64> = own.into_iter().map(|(_, gain)| gain).collect();
+            dict.set_item("gains", gains_as_given(law, &own)?)?;
+        }
+        (tuned, _) => {
+            let own = Value::try_from(tuned.unwrap_or(gains)).map_err(unexpected)?;
+            dict.set_item("gains", settings::python(py, &own)?)?;
+        }
+    }
+    for (key, own) in [("before", Value::try_from(before)), ("after", Value::try_from(after))] {
         dict.set_item(key, settings::python(py, &own.map_err(unexpected)?)?)?;
     }
     Ok(dict)

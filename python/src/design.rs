@@ -3,12 +3,14 @@
 use crate::arrays::{array, read, slice};
 use crate::control::{StateSpace, Trim, data, gains_of, matrix, vehicle};
 use crate::error::{OrRaise, unexpected};
+use crate::law::Choice;
 use crate::settings;
 use nalgebra::{Complex, DMatrix};
 use omnidrones::controllers::design::{self as library, AnalysisPoint, ErrorState, LoopModel, TrimTarget};
 use omnidrones::controllers::linear::Signal;
 use omnidrones::controllers::reference::{Hover, Reference};
-use omnidrones::controllers::{ClosedLoop, Target};
+use omnidrones::controllers::registry::Setup;
+use omnidrones::controllers::{ClosedLoop, LawController, Target};
 use omnidrones::dynamics::{Disturbance, Physics, Plant};
 use omnidrones::error::Error;
 use pyo3::prelude::*;
@@ -27,8 +29,10 @@ pub struct Design {
 /// Parameters
 /// ----------
 /// vehicle : Vehicle or str or path
+/// controller : str or ControlLaw, optional
+///     As "lqi", or one of your own, in place of the cascade.
 /// gains : dict, optional
-///     As `Vehicle.gains`, which are the default.
+///     Of the cascade, as `Vehicle.gains`, which are the default.
 /// rates : dict, optional
 ///     How often each level computes, Hz: "velocity", "attitude", "rate".
 /// latency : int
@@ -38,10 +42,14 @@ pub struct Design {
 /// **physics
 ///     `dt=0.002` (s), `substeps`, `integrator`, `effects`.
 #[pyfunction]
-#[pyo3(signature = (vehicle, /, *, gains=None, rates=None, latency=0, wind=None, **physics))]
+#[pyo3(signature = (
+    vehicle, /, *, controller=None, gains=None, rates=None, latency=0, wind=None, **physics
+))]
+#[expect(clippy::too_many_arguments, reason = "by name in Python")]
 pub fn design(
     py: Python<'_>,
     vehicle: &Bound<'_, PyAny>,
+    controller: Option<&Bound<'_, PyAny>>,
     gains: Option<&Bound<'_, PyMapping>>,
     rates: Option<&Bound<'_, PyDict>>,
     latency: usize,
@@ -51,16 +59,27 @@ pub fn design(
     let vehicle = self::vehicle(vehicle)?;
     let (mut physics, rates): (Physics, _) = (data("physics", physics)?, data("rates", rates)?);
     physics.effects.disturbance |= wind.is_some();
-    let gains = gains_of(gains)?.unwrap_or_else(|| vehicle.gains());
+    let plant = Plant::of_vehicle(&vehicle, physics).or_raise()?;
+    let (choice, gains) = (Choice::of(controller, &plant, gains.is_some())?, gains_of(gains)?);
     let air = Disturbance { wind: wind.unwrap_or_default(), ..Disturbance::none() };
     let found = || {
         vehicle.check_steerable()?;
-        let plant = Plant::of_vehicle(&vehicle, physics)?;
         let trim = library::trim(&plant, &TrimTarget { air, ..TrimTarget::hover() })?;
         let linear = ErrorState::of_plant(&plant)?.state_space(&plant, &trim.state, &trim.input, trim.yaw_rate)?;
         let hover = Reference::Hover(Hover { position: [0.0; 3], yaw: 0.0 });
-        let closed = ClosedLoop::of_vehicle(&vehicle, physics, &gains, &rates)?.with_latency(latency)?;
-        let model = LoopModel::of_vehicle(closed, Target::level(&hover), &air, &trim.state)?;
+        let model = if let Choice::Default = choice {
+            let gains = gains.unwrap_or_else(|| vehicle.gains());
+            let closed = ClosedLoop::of_vehicle(&vehicle, physics, &gains, &rates)?.with_latency(latency)?;
+            LoopModel::of_vehicle(closed, Target::level(&hover), &air, &trim.state)?
+        } else {
+            let own = choice.build(&plant, &Setup::new(gains.as_ref(), &rates))?;
+            let Some(law) = own.recorded(&plant)? else {
+                let remedy = "Take 'cascade', 'indi', 'lqi' or 'lqr', or one of your own.";
+                return Err(Error::value("controller", own.name(), "a law over any scalar", remedy));
+            };
+            let closed = ClosedLoop::new(plant, LawController::of(law))?.with_latency(latency)?;
+            LoopModel::new(closed, Target::level(&hover), &air, &trim.state)?
+        };
         Ok((trim, linear, model))
     };
     let (trim, linear, model) = py.detach(found).or_raise()?;

@@ -3,7 +3,9 @@
 use crate::arrays::{array, flags, read, slice, slice_mut, write};
 use crate::batch::{config_of, threads};
 use crate::error::{OrRaise, interruptible};
+use crate::law::Choice;
 use crate::settings;
+use crate::task;
 use omnidrones::error::Error;
 use omnidrones::rl::nn::Head;
 use omnidrones::rl::recipes::recipes_of;
@@ -11,7 +13,7 @@ use omnidrones::rl::{self, TrainConfig, Trainer};
 use omnidrones::tasks::registry::{self, TaskEntry};
 use omnidrones::tasks::{self, Autoreset, Env, EnvConfig, EpisodeActivity, EpisodeRows, Evaluation, Spec, Statistics};
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyTuple};
+use pyo3::types::{PyDict, PyString, PyTuple};
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::Mutex;
@@ -34,7 +36,8 @@ impl Policy {
         &self.task
     }
 
-    /// Settings of the environments that it was trained in: `make(policy.task, 1, config=policy.config)` shows what it expects.
+    /// Settings of the environments that it was trained in: `make(policy.task, 1, config=policy.config, stagger=False)` shows what it
+    /// expects. Learners stagger first episodes, which then end early.
     #[getter]
     fn config<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         settings::dict(py, &Table::try_from(self.config.seen_env()).map_err(crate::error::unexpected)?)
@@ -112,7 +115,8 @@ impl Policy {
         let restore = py.import("omnidrones._core")?.getattr("_restore_policy")?;
         let statistics = self.policy.statistics().map(|s| (s.count, s.mean.clone(), s.variance.clone()));
         let config = self.config.to_toml().or_raise()?;
-        Ok((restore, (&self.task, config, self.parameters(py)?, statistics).into_pyobject(py)?))
+        let record = task::record_of(py, registry::by_name(&self.task).or_raise()?, &self.config.env)?;
+        Ok((restore, (&self.task, config, self.parameters(py)?, statistics, record).into_pyobject(py)?))
     }
 
     fn __repr__(&self) -> String {
@@ -122,12 +126,15 @@ impl Policy {
 
 /// What `Policy.__reduce__` took apart.
 #[pyfunction]
+#[pyo3(signature = (task, config, parameters, statistics, record=None))]
 pub fn _restore_policy(
     task: String,
     config: &str,
     parameters: &Bound<'_, PyAny>,
     statistics: Option<(f64, Vec<f64>, Vec<f64>)>,
+    record: Option<&[u8]>,
 ) -> PyResult<Policy> {
+    record.map(task::_register_record).transpose()?;
     let config = TrainConfig::from_toml(config, "pickled settings").or_raise()?;
     let env = Env::make(&task, &EnvConfig { n_env: 1, ..config.seen_env() }).or_raise()?;
     let actor = config.algorithm.actor(env.spec()).or_raise()?;
@@ -218,8 +225,8 @@ fn columns<'py>(py: Python<'py>, curve: &[rl::log::Line]) -> PyResult<Bound<'py,
 ///
 /// Parameters
 /// ----------
-/// name : str
-///     A task.
+/// name : str or Task
+///     A task, or a class of your own.
 /// config : dict or path or str, optional
 ///     Settings of the run over the task's recipe, as `omnidrones train TASK --toml` prints them: a dict, a TOML file, or TOML.
 /// algorithm : str, optional
@@ -241,7 +248,7 @@ fn columns<'py>(py: Python<'py>, curve: &[rl::log::Line]) -> PyResult<Bound<'py,
 #[expect(clippy::too_many_arguments, reason = "by name in Python")]
 pub fn train(
     py: Python<'_>,
-    name: &str,
+    name: &Bound<'_, PyAny>,
     config: Option<&Bound<'_, PyAny>>,
     algorithm: Option<&str>,
     seed: Option<i64>,
@@ -251,13 +258,15 @@ pub fn train(
     watch: Option<Py<PyAny>>,
     settings: Option<&Bound<'_, PyDict>>,
 ) -> PyResult<Run> {
-    let entry = registry::by_name(name).or_raise()?;
-    let mut layers = settings::layers(entry, config, settings, &TrainConfig::keys())?;
+    let (entry, settings) = task::entry_of(name, settings)?;
+    let name = entry.name;
+    let mut layers = settings::layers(entry, config, settings.as_ref(), &TrainConfig::keys())?;
     if let Some(seed) = seed {
         let seed = omnidrones::layers::at("seed", seed.into());
         layers.push(omnidrones::layers::Layer::of_table("seed", seed));
     }
-    let config = TrainConfig::layered(name, algorithm, &layers).or_raise()?;
+    let mut config = TrainConfig::layered(name, algorithm, &layers).or_raise()?;
+    config.env = task::pinned(py, entry, config.env)?;
     let threads = self::threads(threads)?;
     let kept = config.clone();
     let outcome = interruptible(py, |said| {
@@ -327,7 +336,7 @@ pub fn train(
 pub fn evaluate<'py>(
     py: Python<'py>,
     policy: &Bound<'py, PyAny>,
-    name: Option<&str>,
+    name: Option<&Bound<'py, PyAny>>,
     num_envs: usize,
     seed: u64,
     threads: Option<usize>,
@@ -362,27 +371,38 @@ impl Shard {
 /// The task of an evaluation and its environments: those that a `Policy` was trained in, unless others are given.
 fn judged(
     policy: &Bound<'_, PyAny>,
-    name: Option<&str>,
+    name: Option<&Bound<'_, PyAny>>,
     config: Option<&Bound<'_, PyAny>>,
     settings: Option<&Bound<'_, PyDict>>,
 ) -> PyResult<(&'static TaskEntry, EnvConfig)> {
+    if policy.is_instance_of::<PyString>() {
+        return Err(pyo3::exceptions::PyTypeError::new_err(format!(
+            "policy is the text '{policy}', but it must be a Policy or a callable. Pass omnidrones.load_policy('{policy}')."
+        )));
+    }
     let own = policy.cast::<Policy>().ok().map(|own| own.try_borrow()).transpose()?;
-    let Some(task) = name.or_else(|| own.as_ref().map(|own| own.task.as_str())) else {
+    let known = own.as_ref().map(|own| PyString::new(policy.py(), &own.task).into_any());
+    let Some(task) = name.or(known.as_ref()) else {
         return Err(pyo3::exceptions::PyTypeError::new_err("name is missing: a callable does not know its task."));
     };
-    let entry = registry::by_name(task).or_raise()?;
-    let given = config.is_some() || settings.is_some_and(|settings| !settings.is_empty());
-    match own {
-        Some(own) if !given => Ok((entry, own.config.seen_env())),
-        _ => Ok((entry, config_of(entry, None, config, None, settings)?)),
-    }
+    let (entry, settings) = task::entry_of(task, settings)?;
+    let given = config.is_some() || settings.as_ref().is_some_and(|settings| !settings.is_empty());
+    let config = match own {
+        // a class is meant as it is now
+        Some(own) if !given && name.is_some_and(|name| !name.is_instance_of::<PyString>()) => {
+            EnvConfig { task_record: String::new(), ..own.config.seen_env() }
+        }
+        Some(own) if !given => own.config.seen_env(),
+        _ => config_of(entry, None, config, None, settings.as_ref())?,
+    };
+    Ok((entry, task::pinned(policy.py(), entry, config)?))
 }
 
 /// Flies the episodes of a shard.
 fn flown(
     py: Python<'_>,
     policy: &Bound<'_, PyAny>,
-    name: Option<&str>,
+    name: Option<&Bound<'_, PyAny>>,
     shard: &Shard,
     threads: Option<usize>,
     config: Option<&Bound<'_, PyAny>>,
@@ -438,7 +458,7 @@ type Told<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, Bound
 pub fn _fly_shard<'py>(
     py: Python<'py>,
     policy: &Bound<'py, PyAny>,
-    name: Option<&str>,
+    name: Option<&Bound<'py, PyAny>>,
     num_envs: usize,
     first_environment: u64,
     seed: u64,
@@ -462,7 +482,7 @@ pub fn _evaluation<'py>(
     py: Python<'py>,
     shards: Vec<Told<'py>>,
     policy: &Bound<'py, PyAny>,
-    name: Option<&str>,
+    name: Option<&Bound<'py, PyAny>>,
     config: Option<&Bound<'py, PyAny>>,
     settings: Option<&Bound<'py, PyDict>>,
 ) -> PyResult<Bound<'py, PyDict>> {
@@ -486,8 +506,8 @@ pub fn _evaluation<'py>(
 
 /// Names of the algorithms that have a recipe for a task, the usual one first.
 #[pyfunction]
-pub fn recipes(task: &str) -> PyResult<Vec<&'static str>> {
-    Ok(recipes_of(registry::by_name(task).or_raise()?.name))
+pub fn recipes(task: &Bound<'_, PyAny>) -> PyResult<Vec<&'static str>> {
+    Ok(recipes_of(task::entry_of(task, None)?.0.name))
 }
 
 /// The policy of a run's folder, or of one of its checkpoints.
@@ -501,7 +521,7 @@ pub fn load_policy(py: Python<'_>, path: PathBuf) -> PyResult<Policy> {
 
 /// The library's own controllers as a policy: what learners have to beat. One per environment in rotor mode, which sees the true
 /// state; `controller(env)` gives actions [E, A, action]. With a `name` of the table of controllers, as "mpc", that one flies in place
-/// of the usual one, where it is made for what flies. All environments are flown at once on the environment's threads.
+/// of the usual one, where it is made for what flies; or a `ControlLaw`, which knows the nominal numbers of what flies. All environments are flown at once on the environment's threads.
 #[pyclass(module = "omnidrones", frozen)]
 pub struct Controller(Mutex<tasks::Baseline>);
 
@@ -509,11 +529,13 @@ pub struct Controller(Mutex<tasks::Baseline>);
 impl Controller {
     #[new]
     #[pyo3(signature = (env, name=None))]
-    fn new(py: Python<'_>, env: &crate::batch::VecEnv, name: Option<&str>) -> PyResult<Self> {
+    fn new(py: Python<'_>, env: &crate::batch::VecEnv, name: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
         let env = &env.env;
-        let made = py.detach(|| match name {
-            Some(name) => tasks::Baseline::with_controller(env, name),
-            None => tasks::Baseline::new(env),
+        let choice = Choice::of(name, env.robot().plant(), false)?;
+        let made = py.detach(|| match &choice {
+            Choice::Default => tasks::Baseline::new(env),
+            Choice::Named(name) => tasks::Baseline::with_controller(env, name),
+            Choice::Written(law) => tasks::Baseline::with_law(env, law),
         });
         Ok(Self(Mutex::new(made.or_raise()?)))
     }

@@ -8,11 +8,16 @@
 //! | `batch` | many environments: `VecEnv` |
 //! | `gradient` | tapes, sweeps, Jacobians |
 //! | `system` | loops and allocations that are differentiated through many steps |
+//! | `law` | controllers written in Python, and the parts of the library's cascade |
 //! | `learn` | training, evaluation, policies |
+//! | `course` | references and winds written in Python |
 //! | `design` | margins of the loop that flies, feedback of least cost |
 //! | `optimal` | trajectories of least cost, model predictive control, programs of linked stages |
 //! | `estimation` | filters of what sensors read, Kalman filters |
+//! | `number` | numbers that record: what a task, a controller or a system written in Python is called with |
+//! | `scatter` | one controller on thousands of plants, and from thousands of starts |
 //! | `export` | what flies as C99, policies as ONNX |
+//! | `task` | tasks in Python |
 //! | `figure` | the library's plots, for notebooks |
 //! | `control` | vehicles, flights, linear models, allocation, tuning |
 //!
@@ -22,16 +27,21 @@
 mod arrays;
 mod batch;
 mod control;
+mod course;
 mod design;
 mod error;
 mod estimation;
 mod export;
 mod figure;
 mod gradient;
+mod law;
 mod learn;
+mod number;
 mod optimal;
+mod scatter;
 mod settings;
 mod system;
+mod task;
 
 /// Compiled part of `omnidrones`.
 #[pyo3::pymodule(gil_used = true)]
@@ -59,14 +69,26 @@ mod _core {
     #[pymodule_export]
     use super::gradient::{Adjoint, Jacobian, Sweep, Tape};
     #[pymodule_export]
+    use super::law::{CascadeParts, attitude_error};
+    #[pymodule_export]
     use super::learn::{
         _evaluation, _fly_shard, _restore_policy, Controller, Policy, Progress, Run, evaluate, load_policy, recipes,
         train,
     };
     #[pymodule_export]
+    use super::number::{_check_places, _compute, _constants, _is_recording, _record};
+    #[pymodule_export]
     use super::optimal::{Mpc, OptimalTrajectory, StageQpSolution, optimise, solve_stage_qp};
     #[pymodule_export]
-    use super::system::{AllocationFunction, Loop, System};
+    use super::scatter::{MonteCarloRun, RecoveryMap, monte_carlo, recovery_map};
+    #[pymodule_export]
+    use super::system::{_restore_system, AllocationFunction, Certificate, Loop, System};
+
+    #[pymodule_export]
+    use super::task::{
+        _carried, _register, _register_record, _setting_keys, _task_name, _task_spec, Draws, Ends, Forest, Gate, Goal,
+        Loss, Motion, Part, PyRobot, Start, TrackPath, View, Writer,
+    };
 
     #[expect(non_upper_case_globals, reason = "as Python calls it")]
     #[pymodule_export]

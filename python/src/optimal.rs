@@ -5,9 +5,11 @@ use crate::control::{matrices, plant};
 use crate::error::{OrRaise, interruptible, unexpected};
 use crate::settings;
 use nalgebra::{DMatrix, DVector};
+use omnidrones::autodiff::{Recording, Scalar, System};
+use omnidrones::controllers::design::ErrorState;
 use omnidrones::controllers::optimal::{
-    self as library, CourseProblem, FirstGuess, Ilqr, IlqrStatus, MpcSettings, ProblemFile, QpSettings, QpSolver,
-    QpStatus, StageQp,
+    self as library, CourseProblem, FirstGuess, Ilqr, IlqrReport, IlqrSettings, IlqrStatus, MpcSettings, OptimalCost,
+    OptimalProblem, ProblemFile, QpSettings, QpSolver, QpStatus, StageInput, StageModel, StageQp, Terms,
 };
 use omnidrones::controllers::reference::{Reference, Setpoint, Trajectory};
 use omnidrones::controllers::registry::Setup;
@@ -19,7 +21,7 @@ use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyMapping, PyString};
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use toml::{Table, Value};
 
 /// Names with units, as columns have them.
@@ -128,7 +130,7 @@ pub fn optimise<'py>(
     let (n_stage, plant) = (course.problem.n_stage(), &course.plant);
     let (state_names, input_names) = (named(plant.state_names()), named(plant.input_names()));
     let error_names = named(plant.error_names().or_raise()?);
-    let (n, m, e) = (state_names.len(), input_names.len(), error_names.len());
+    let (n, m) = (state_names.len(), input_names.len());
     if let Some(guess) = guess {
         let (states, inputs) = match guess.cast::<OptimalTrajectory>() {
             Ok(own) => (Some(own.get().states.bind(py).clone()), own.get().inputs.bind(py).clone()),
@@ -147,22 +149,46 @@ pub fn optimise<'py>(
         }
     }
     let CourseProblem { problem, guess, first, settings, .. } = &course;
-    let (search, report) = interruptible(py, |said| {
+    let begin = |search: &mut Ilqr| match first {
+        FirstGuess::Hover => search.start_from_inputs(problem, &guess.inputs),
+        FirstGuess::Line => search.start_from(problem, guess),
+    };
+    let (search, report) = searched(py, problem, settings, begin, progress.as_ref())?;
+    told(py, &search, &report, plant.plant().physics().dt, [state_names, input_names, error_names])
+}
+
+/// Searches from where `begin` puts it, and tells `progress` of every iteration.
+fn searched(
+    py: Python<'_>,
+    problem: &OptimalProblem,
+    settings: &IlqrSettings,
+    begin: impl FnOnce(&mut Ilqr) -> Result<(), Error> + Send,
+    progress: Option<&Py<PyAny>>,
+) -> PyResult<(Ilqr, IlqrReport)> {
+    interruptible(py, |said| {
         let mut search = Ilqr::new(problem)?;
-        match first {
-            FirstGuess::Hover => search.start_from_inputs(problem, &guess.inputs)?,
-            FirstGuess::Line => search.start_from(problem, guess)?,
-        }
-        let report = search.solve_while(problem, settings, |k, now| match &progress {
+        begin(&mut search)?;
+        let report = search.solve_while(problem, settings, |k, now| match progress {
             Some(progress) => {
                 said.hear(|py| progress.call1(py, (k, now.cost, now.gap, now.violation)).map(drop)).is_some()
             }
             None => said.looks().is_ok(),
         })?;
         Ok((search, report))
-    })?;
+    })
+}
+
+/// What was found, with the names of states, inputs and errors.
+fn told(
+    py: Python<'_>,
+    search: &Ilqr,
+    report: &IlqrReport,
+    dt: f64,
+    [state_names, input_names, error_names]: [Vec<String>; 3],
+) -> PyResult<OptimalTrajectory> {
     let trajectory = search.trajectory();
-    let dt = plant.plant().physics().dt;
+    let (n, m, e) = (state_names.len(), input_names.len(), error_names.len());
+    let n_stage = trajectory.inputs.len() / m;
     let own = |numbers: Vec<f64>, shape: &[usize]| array(py, numbers, shape).map(Bound::unbind);
     let dict = PyDict::new(py);
     let all = &report.iterations;
@@ -194,6 +220,95 @@ pub fn optimise<'py>(
         },
         iterations: dict.unbind(),
     })
+}
+
+/// What functions of Python say of the stages of a trajectory: of state, input, parameters and what is given for a stage.
+pub struct WrittenCost {
+    /// Numbers of a stage: parameters of the system, then what is given.
+    pub n_parameter: usize,
+    /// One result.
+    pub cost: Recording,
+    /// Of the last state, likewise, without an input.
+    pub last: Option<Recording>,
+    /// At most zero, each.
+    pub conditions: Option<Recording>,
+}
+
+impl OptimalCost for WrittenCost {
+    fn n_parameter(&self) -> usize {
+        self.n_parameter
+    }
+    fn stage<S: Scalar>(&self, now: StageInput<'_, S>, terms: &mut Terms<S>) {
+        let numbers = [now.state, now.input, now.parameters].concat();
+        results(&self.cost, &numbers).into_iter().for_each(|cost| terms.add(cost));
+        let conditions = self.conditions.iter().flat_map(|own| results(own, &numbers));
+        conditions.for_each(|condition| terms.at_most_zero(condition));
+    }
+    fn terminal<S: Scalar>(&self, end: StageInput<'_, S>, terms: &mut Terms<S>) {
+        let numbers = [end.state, end.parameters].concat();
+        self.last.iter().flat_map(|own| results(own, &numbers)).for_each(|cost| terms.add(cost));
+    }
+}
+
+fn results<S: Scalar>(recording: &Recording, numbers: &[S]) -> Vec<S> {
+    let mut results = vec![S::zero(); recording.n_output()];
+    recording.evaluate(numbers, &mut results);
+    results
+}
+
+/// The numbers of a problem of a system of Python.
+pub struct WrittenProblem<'a> {
+    pub start: &'a [f64],
+    pub stages: usize,
+    /// Of stage after stage, the last state's too: parameters of the system, then those of the cost.
+    pub parameters: Vec<f64>,
+    pub bounds: [Vec<f64>; 2],
+    /// Places of quaternions in the state.
+    pub quaternions: Vec<usize>,
+    /// Inputs to begin with.
+    pub guess: Vec<f64>,
+    pub iterations: Option<usize>,
+    pub progress: Option<Py<PyAny>>,
+    pub dt: f64,
+    pub names: [Vec<String>; 2],
+}
+
+/// The trajectory of least cost of a system of Python.
+pub fn optimise_written<F: System>(
+    py: Python<'_>,
+    system: &F,
+    cost: &WrittenCost,
+    own: WrittenProblem<'_>,
+) -> PyResult<OptimalTrajectory> {
+    let errors = ErrorState::new(system.n_state(), &own.quaternions).or_raise()?;
+    let problem = py.detach(|| {
+        let model = StageModel::new(system, cost, errors)?;
+        let n_parameter = model.n_parameter();
+        let mut problem = OptimalProblem::new(Arc::new(model), own.stages, own.start)?;
+        problem.set_bounds(&own.bounds[0], &own.bounds[1])?;
+        for stage in 0..=own.stages {
+            problem.set_parameters(stage, &own.parameters[stage * n_parameter..(stage + 1) * n_parameter])?;
+        }
+        Ok(problem)
+    });
+    let problem = problem.or_raise()?;
+    let mut settings = IlqrSettings::default();
+    if let Some(most) = own.iterations {
+        settings.max_iterations = most;
+    }
+    let begin = |search: &mut Ilqr| search.start_from_inputs(&problem, &own.guess);
+    let (search, report) = searched(py, &problem, &settings, begin, own.progress.as_ref())?;
+    let [states, inputs] = own.names;
+    let turning = |at: usize| own.quaternions.iter().any(|first| (*first..first + 4).contains(&at));
+    let mut error_names = Vec::new();
+    for (at, name) in states.iter().enumerate() {
+        if own.quaternions.contains(&at) {
+            error_names.extend(["x", "y", "z"].map(|axis| format!("rotation_{axis} [rad]")));
+        } else if !turning(at) {
+            error_names.push(name.clone());
+        }
+    }
+    told(py, &search, &report, own.dt, [states, inputs, error_names])
 }
 
 /// Samples of a reference, evenly spaced from a time on; rest at both ends.

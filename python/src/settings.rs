@@ -161,7 +161,7 @@ pub fn layers(
             layers::merge(&mut own, layers::at(&key, value));
             continue;
         }
-        let names = of_task.get_or_insert(task_settings(entry).or_raise()?);
+        let names = of_task.get_or_insert(entry.setting_keys().or_raise()?);
         if !names.contains(&key) {
             let known = names.iter().chain(&known).chain(foreign).cloned().collect();
             return Err(Error::Unknown { kind: "setting", name: key, known }).or_raise();
@@ -191,9 +191,4 @@ fn vehicle(given: &Bound<'_, PyAny>) -> PyResult<Option<Table>> {
 fn is_file(named: &str) -> bool {
     let known = vehicles::names().iter().any(|name| name.eq_ignore_ascii_case(named)) || named == TILTING;
     !known && (named.contains(['/', '\\']) || Path::new(named).extension().is_some())
-}
-
-fn task_settings(entry: &TaskEntry) -> Result<Vec<String>, Error> {
-    let env = entry.env(&EnvConfig { n_env: 1, ..EnvConfig::default() })?;
-    Ok(env.task_spec().settings.iter().map(|setting| setting.key.clone()).collect())
 }

@@ -32,3 +32,33 @@ def hover():
     env = omnidrones.make("Hover", 8, seed=0, threads=1)
     env.reset()
     return env
+
+
+class Climb(omnidrones.Task):
+    """Climb to a height: a task of one's own, for what takes tasks."""
+
+    horizon = 60
+    height = omnidrones.Setting(2.0, "m, world", "to climb to", domain="positive")
+    success_rule = omnidrones.Success().below("left", 0.1)
+
+    def left(self, view):
+        return self.height - view.drone().position[2]
+
+    def start(self, start):
+        start.place(start.position([[-1.0, 1.0], [-1.0, 1.0], [1.0, 1.5]]))
+
+    def ideal(self, start):
+        start.place([0.0, 0.0, self.height])
+
+    def observe(self, view, agent, out):
+        out.field("left", "m, world", "to climb", self.left(view))
+        out.observe_drone(view)
+
+    def reward(self, view, terms):
+        terms.term("near", "1/(1 + left^2)", 1.0, 1.0 / (1.0 + self.left(view) ** 2))
+
+    def ends(self, view, ends):
+        ends.when("crash", "z < 0.2 m", view.drone().position[2] < 0.2)
+
+    def metrics(self, view, out):
+        out.metric("left", "m", abs(self.left(view)))

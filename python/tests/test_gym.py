@@ -3,10 +3,12 @@
 import subprocess
 import sys
 import warnings
+from pathlib import Path
 
 import gymnasium
 import numpy as np
 import pytest
+from conftest import Climb
 from gymnasium.error import ClosedEnvironmentError
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
@@ -130,3 +132,40 @@ def test_a_seed_among_the_settings_is_that_of_the_first_reset():
     for make in (lambda seed: VectorEnv("Hover", 4, seed=seed), lambda seed: Env("Hover", seed=seed)):
         first, again, other = (make(seed).reset()[0] for seed in (5, 5, 6))
         assert np.array_equal(first, again) and not np.array_equal(first, other)
+
+
+def test_a_class_of_ones_own_is_an_environment_by_its_id_and_as_it_is():
+    omnidrones.register(Climb)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(gymnasium.make("omnidrones:Climb-v0").unwrapped, skip_render_check=True)
+    rows = []
+    for env in (gymnasium.make("omnidrones:Climb-v0", height=1.5), Env(Climb, height=1.5), Env("climb", height=1.5)):
+        observation, _ = env.reset(seed=3)
+        rows.append(np.append(observation, env.step(np.full(4, -0.4, np.float32))[0]))
+    assert np.array_equal(rows[0], rows[1]) and np.array_equal(rows[0], rows[2])
+    batches = [gymnasium.make_vec("omnidrones:Climb-v0", num_envs=3), VectorEnv(Climb, 3)]
+    assert all(isinstance(env, VectorEnv) for env in batches)
+    assert np.array_equal(batches[0].reset(seed=1)[0], batches[1].reset(seed=1)[0])
+
+
+def test_functions_of_ones_own_go_through_an_id():
+    def reward(view, terms):
+        terms.term("high", "z/(1 + z)", 1.0, view.drone().position[2] / (1.0 + view.drone().position[2]), low=-1.0)
+
+    env = gymnasium.make("omnidrones:Hover-v0", reward=reward)
+    env.reset(seed=0)
+    assert "reward_high" in env.step(np.full(4, -0.4, np.float32))[4]
+    many = gymnasium.make_vec("omnidrones:Hover-v0", num_envs=2, reward=reward)
+    many.reset(seed=0)
+    assert "reward_high" in many.step(many.action_space.sample())[4]
+
+
+@pytest.mark.parametrize("first", ["gymnasium", "omnidrones"])
+def test_a_class_that_is_registered_before_or_behind_the_import_of_gymnasium_has_its_id(first):
+    then = "omnidrones" if first == "gymnasium" else "gymnasium"
+    imports = f"import {first}; import {then}; from conftest import Climb; omnidrones.register(Climb)"
+    late = "import omnidrones; from conftest import Climb; omnidrones.register(Climb); import gymnasium"
+    for begin in (imports, late):
+        code = f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r}); {begin}; gymnasium.make('Climb-v0').reset(seed=0)"
+        subprocess.run([sys.executable, "-c", code], check=True)

@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+from conftest import Climb
 from pettingzoo.test import parallel_api_test, parallel_seed_test
 
 import omnidrones
@@ -65,3 +66,33 @@ def test_an_episode_that_is_over_takes_no_step():
     assert env.agents == []
     with pytest.raises(RuntimeError, match="reset"):
         env.step({})
+
+
+class Pair(Climb):
+    """Two that climb."""
+
+    def robot(self):
+        return omnidrones.Robot.team(self.vehicle, 2)
+
+    def start(self, start):
+        for tree, y in enumerate((-1.0, 1.0)):
+            start.place(np.stack([0.0, y, start.reset.uniform(1.0, 1.5)]), tree=tree)
+
+    def ideal(self, start):
+        for tree, y in enumerate((-1.0, 1.0)):
+            start.place([0.0, y, self.height], tree=tree)
+
+    def observe(self, view, agent, out):
+        out.field("left", "m, world", "to climb", self.height - view.drone(agent).position[2])
+        out.observe_drone(view, agent)
+
+
+def test_a_class_of_ones_own_is_a_team():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        parallel_api_test(parallel_env(Pair, horizon=30), num_cycles=80)
+    named, own = parallel_env("Pair"), parallel_env(Pair)
+    assert own.possible_agents == ["drone_0", "drone_1"]
+    seen, again = named.reset(seed=2)[0], own.reset(seed=2)[0]
+    assert all(np.array_equal(seen[agent], again[agent]) for agent in own.possible_agents)
+    assert not np.array_equal(seen["drone_0"], seen["drone_1"])

@@ -8,7 +8,7 @@ import time
 
 import numpy as np
 import pytest
-from conftest import same
+from conftest import Climb, same
 
 import omnidrones
 
@@ -159,6 +159,53 @@ def test_a_run_that_fails_by_itself_is_told_of_and_the_others_are_kept(tmp_path)
     with pytest.raises(RuntimeError, match="1 of 2 runs failed. Nobody, seed 0"):
         omnidrones.ray.train_all(["Hover", "Nobody"], seeds=1, folder=tmp_path, **SMALL)
     assert omnidrones.load_policy(tmp_path / "Hover-0").task == "Hover"
+
+
+class Upward:
+    """A policy whose rows do not depend on those beside."""
+
+    def __call__(self, observation):
+        return np.clip(observation[..., :1] * np.float32(0.1) - np.float32([0.43, 0.42, 0.41, 0.4]), -1, 1)
+
+
+def test_two_workers_give_the_bits_of_one_batch_of_a_class_of_ones_own():
+    how = {"seed": 5, "height": 1.7}
+    env, act = omnidrones.make(Climb, 64, **how), Upward()
+    shards = omnidrones.ray.Shards(Climb, 64, workers=2, **how)
+    assert np.array_equal(shards.reset(), env.reset())
+    rows = shards.rollout(act, 80)
+    for t in range(80):
+        assert np.array_equal(rows["observation"][t], env.observation)
+        step = env.step(act(env.observation))
+        assert np.array_equal(rows["reward"][t], step.reward) and np.array_equal(rows["terminated"][t], step.terminated)
+    assert rows["truncated"].any() or rows["terminated"].any()
+
+
+def test_parts_of_an_evaluation_of_a_class_of_ones_own_tell_what_the_whole_tells():
+    act = Upward()
+    whole = omnidrones.evaluate(act, Climb, num_envs=50, seed=3)
+    assert omnidrones.ray.evaluate(act, Climb, num_envs=50, workers=2, seed=3) == whole
+
+
+def test_a_worker_of_a_class_of_ones_own_is_replaced():
+    shards = omnidrones.ray.Shards(Climb, 16, workers=2, seed=5)
+    env, act = omnidrones.make(Climb, 16, seed=5), Upward()
+    assert np.array_equal(shards.reset(), env.reset())
+    ray.kill(shards.workers[0])
+    rows = shards.rollout(act, 10)
+    for t in range(10):
+        assert np.array_equal(rows["observation"][t], env.observation)
+        env.step(act(env.observation))
+    assert shards.replaced == 1
+
+
+def test_a_sweep_trains_a_class_of_ones_own(tmp_path):
+    alone = omnidrones.train(Climb, seed=0, algorithm="apg", **SMALL)
+    rows = omnidrones.ray.train_all([Climb, "Hover"], seeds=1, folder=tmp_path, algorithm="apg", **SMALL)
+    assert [row["task"] for row in rows] == ["Climb", "Hover"]
+    assert {name: rows[0][name] for name in alone.evaluation} == alone.evaluation
+    kept = omnidrones.load_policy(tmp_path / "Climb-0")
+    assert np.array_equal(kept.parameters(), alone.policy.parameters())
 
 
 def test_rllibs_runners_step_our_batches_and_its_ppo_trains():

@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+from conftest import Climb
 
 import omnidrones
 
@@ -77,3 +78,11 @@ def test_ppo_runs_unchanged():
     model = PPO("MlpPolicy", VecEnv("Hover", 16), n_steps=32, batch_size=128, n_epochs=1, device="cpu")
     model.learn(2048)
     assert np.isfinite(model.predict(np.zeros((16, 30), np.float32))[0]).all()
+
+
+def test_a_class_of_ones_own_is_trained():
+    env, named = VecEnv(Climb, 4, seed=1), VecEnv("Climb", 4, seed=1)
+    assert np.array_equal(env.reset(), named.reset())
+    model = PPO("MlpPolicy", env, n_steps=16, batch_size=64, n_epochs=1, seed=0, device="cpu")
+    model.learn(128)
+    assert model.num_timesteps == 128

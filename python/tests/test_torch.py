@@ -84,6 +84,19 @@ def test_gradcheck_through_a_closed_loop_by_start_reference_gains_and_physics():
     assert torch.autograd.gradcheck(states, (start, target, shares), eps=1e-6, atol=1e-6, rtol=1e-4)
 
 
+def test_gradcheck_through_a_function_of_python():
+    def pendulum(x, u, theta):
+        return [x[1], (u[0] - theta["damping"] * x[1]) / theta["mass"] - 9.81 * np.sin(x[0])]
+
+    how = {"states": 2, "inputs": 1, "parameters": {"mass": 1.2, "damping": 0.1}, "dt": 0.01, "continuous": True}
+    system = omnidrones.System.of(pendulum, **how)
+    state = torch.tensor([0.3, -0.2], dtype=torch.float64, requires_grad=True)
+    inputs = torch.full((20, 1), 0.1, dtype=torch.float64, requires_grad=True)
+    theta = torch.tensor(system.parameters, requires_grad=True)
+    states = lambda *own: omnidrones.torch.trajectory(system, *own)  # noqa: E731
+    assert torch.autograd.gradcheck(states, (state, inputs, theta), eps=1e-6, atol=1e-7, rtol=1e-5)
+
+
 def test_gradcheck_through_allocations_by_their_wrenches_and_numbers(rng):
     function = omnidrones.AllocationFunction("firefly")
     weight = 9.81 * omnidrones.Vehicle("firefly").mass

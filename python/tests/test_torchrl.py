@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import Climb
 
 import omnidrones
 
@@ -35,3 +36,9 @@ def test_a_rollout_resets_what_is_done_and_shows_how_it_ended():
         assert np.array_equal(seen, rows["next", "observation"][:, t].numpy())
         if t < 49:
             assert np.array_equal(step.observation[:, 0], rows["observation"][:, t + 1].numpy())
+
+
+def test_a_class_of_ones_own_passes_its_checker():
+    check_env_specs(Env(Climb, 4))
+    rows = [env.rollout(5, policy=lambda td: td.set("action", torch.full((3, 4), -0.41))) for env in (Env(Climb, 3, seed=2), Env("Climb", 3, seed=2))]
+    assert torch.equal(rows[0]["next", "observation"], rows[1]["next", "observation"])
