@@ -156,9 +156,16 @@ def test_a_sweep_survives_the_death_of_a_worker_and_goes_on_to_the_same_bits(tmp
 
 
 def test_a_run_that_fails_by_itself_is_told_of_and_the_others_are_kept(tmp_path):
-    with pytest.raises(RuntimeError, match="1 of 2 runs failed. Nobody, seed 0"):
-        omnidrones.ray.train_all(["Hover", "Nobody"], seeds=1, folder=tmp_path, **SMALL)
+    (tmp_path / "Track-0").write_text("a file where a folder should be")
+    with pytest.raises(RuntimeError, match="1 of 2 runs failed. Track, seed 0"):
+        omnidrones.ray.train_all(["Hover", "Track"], seeds=1, folder=tmp_path, **SMALL)
     assert omnidrones.load_policy(tmp_path / "Hover-0").task == "Hover"
+
+
+def test_an_unknown_task_is_told_of_before_anything_is_trained(tmp_path):
+    with pytest.raises(ValueError, match="no task is called 'Nobody'"):
+        omnidrones.ray.train_all(["Hover", "Nobody"], seeds=1, folder=tmp_path, **SMALL)
+    assert not any(tmp_path.iterdir())
 
 
 class Upward:
