@@ -20,6 +20,7 @@ pub mod normal;
 #[doc(hidden)]
 pub mod normals;
 mod numbers;
+mod text;
 mod words;
 
 #[doc(hidden)]
@@ -28,6 +29,8 @@ pub use normal::{ln, normal};
 pub use normals::{NORMAL_WORDS, normals};
 #[doc(hidden)]
 pub use numbers::{below, to_f32_below_one, unit};
+#[doc(hidden)]
+pub use text::device_text;
 #[doc(hidden)]
 pub use words::{Words, blocks};
 

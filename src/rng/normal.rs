@@ -15,13 +15,13 @@ pub fn normal(a: u64, b: u64) -> f64 {
 }
 
 /// The bits of √½, of its upper half.
-const SQRT_HALF: u64 = 0x3FE6_A09E << 32;
+pub(crate) const SQRT_HALF: u64 = 0x3FE6_A09E << 32;
 const ONE: u64 = 0x3FF << 52;
 const MANTISSA: u64 = (1 << 52) - 1;
 /// ln 2 in two parts (Cody and Waite 1980): products of the first with an exponent are exact.
-const LN_2: [f64; 2] = [6.931_471_803_691_238e-1, 1.908_214_929_270_587_7e-10];
+pub(crate) const LN_2: [f64; 2] = [6.931_471_803_691_238e-1, 1.908_214_929_270_587_7e-10];
 /// (ln(1 + f) − ln(1 − f) − 2f)/f of f², highest power first.
-const LN: [f64; 7] = [
+pub(crate) const LN: [f64; 7] = [
     1.479_819_860_511_658_6e-1,
     1.531_383_769_920_937_3e-1,
     1.818_357_216_161_805e-1,
@@ -50,9 +50,9 @@ pub fn ln(x: f64) -> f64 {
 }
 
 /// 1.5·2⁵²: adding and subtracting it rounds |x| < 2⁵¹ to an integer, and its sum with one has that integer in its lowest bits.
-const ROUND: f64 = 6_755_399_441_055_744.0;
+pub(crate) const ROUND: f64 = 6_755_399_441_055_744.0;
 /// (sin r − r)/r³ of r², highest power first.
-const SINE: [f64; 6] = [
+pub(crate) const SINE: [f64; 6] = [
     1.589_690_995_211_55e-10,
     -2.505_076_025_340_686_3e-8,
     2.755_731_370_707_006_8e-6,
@@ -61,7 +61,7 @@ const SINE: [f64; 6] = [
     -1.666_666_666_666_663_2e-1,
 ];
 /// (cos r − 1 + r²/2)/r⁴ of r², highest power first.
-const COSINE: [f64; 6] = [
+pub(crate) const COSINE: [f64; 6] = [
     -1.135_964_755_778_819_5e-11,
     2.087_572_321_298_175e-9,
     -2.755_731_435_139_066_3e-7,

@@ -537,14 +537,32 @@ pub const START_TILT: f64 = 0.2 * PI;
 
 /// Of a stream of one episode: those of [`Start`] first, then those of what is randomised.
 pub(crate) fn key_of_start([seed, environment, episode]: [u64; 3], stream: usize) -> [u64; 4] {
-    let (episode, purpose) = match stream {
-        0 => (episode, Purpose::RESET),
-        1 => (episode, Purpose::TASK),
-        2 => (u64::MAX, Purpose::PARAMETERS),
-        EVERY_EPISODE => (episode, Purpose::PARAMETERS),
-        _ => (0, STARTUP),
+    let (of, purpose) = purpose_of_start(stream);
+    let episode = match of {
+        Episode::Own => episode,
+        Episode::Fixed(number) => number,
     };
     [seed, environment, episode, purpose.0]
+}
+
+/// The episode that a stream is keyed by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Episode {
+    /// Its own.
+    Own,
+    /// The same in all of them.
+    Fixed(u64),
+}
+
+/// What a stream of a start is keyed by beside seed and environment.
+pub(crate) fn purpose_of_start(stream: usize) -> (Episode, Purpose) {
+    match stream {
+        0 => (Episode::Own, Purpose::RESET),
+        1 => (Episode::Own, Purpose::TASK),
+        2 => (Episode::Fixed(u64::MAX), Purpose::PARAMETERS),
+        EVERY_EPISODE => (Episode::Own, Purpose::PARAMETERS),
+        _ => (Episode::Fixed(0), STARTUP),
+    }
 }
 
 /// Streams of an episode.
@@ -558,8 +576,12 @@ const STARTUP: Purpose = Purpose::user(0x5712);
 
 /// Of a stream of an event.
 pub(crate) fn key_of_event([seed, environment, episode]: [u64; 3], stream: usize) -> [u64; 4] {
-    let purpose = [Purpose::user(0x0e11), Purpose::DISTURBANCE, Purpose::user(0x0e12)][stream];
-    [seed, environment, episode, purpose.0]
+    [seed, environment, episode, purpose_of_event(stream).0]
+}
+
+/// What a stream of an event is keyed by beside seed, environment and episode.
+pub(crate) fn purpose_of_event(stream: usize) -> Purpose {
+    [Purpose::user(0x0e11), Purpose::DISTURBANCE, Purpose::user(0x0e12)][stream]
 }
 
 /// Words of every stream that the event of one step may draw.
