@@ -39,7 +39,7 @@ impl CustomFunction for Floor {
             ExportPrecision::Single => (literal(8388608.0, precision), "long"),
             ExportPrecision::Double => (literal(4503599627370496.0, precision), "long long"),
         };
-        let prototype = format!("static void {name}(const {real} *x, {real} *y)");
+        let prototype = format!("{}void {name}(const {real} *x, {real} *y)", text.dialect().own());
         let one = literal(1.0, precision);
         text.add(&format!(
             "{prototype}\n{{\n    {real} a = {x}, whole;\n    (void)x;\n    if (!(a > -{most} && a < {most})) {{\n        \

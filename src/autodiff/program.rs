@@ -230,6 +230,11 @@ impl Program {
         Ok(inline::with_short_functions(&Arc::new(Self::form_of(recording)?)))
     }
 
+    /// Its values, arranged for text.
+    pub(crate) fn as_text(&self) -> Arc<ValueForm> {
+        inline::with_short_functions(&self.form)
+    }
+
     fn form_of(recording: &Recording) -> Result<ValueForm> {
         // a sine alone has its cosine beside it
         let n_value = recording.n_input + 2 * recording.nodes.len();

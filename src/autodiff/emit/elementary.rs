@@ -1,7 +1,7 @@
 //! Elementary functions in C: libm's in `double`, the polynomials of the lanes in `float`, so that a processor which fuses has their bits.
 
 use super::function::ExportPrecision;
-use super::text::literal;
+use super::text::{Dialect, literal};
 use crate::polynomials::*;
 use std::f64::consts::{FRAC_2_PI, FRAC_PI_2, FRAC_PI_4, LOG2_E, PI};
 use std::fmt::Write;
@@ -79,9 +79,23 @@ impl Elementary {
     }
 
     /// Its definition.
-    pub(super) fn text(self, prefix: &str, precision: ExportPrecision) -> String {
-        let text = if precision == ExportPrecision::Double { self.double().into() } else { self.single() };
+    pub(super) fn text(self, prefix: &str, precision: ExportPrecision, dialect: Dialect) -> String {
+        let text = match (precision, dialect) {
+            (ExportPrecision::Double, _) => self.double().into(),
+            (_, Dialect::C99) => self.single(),
+            (_, Dialect::Cuda) => self.of_device(),
+        };
         text.replace('@', &format!("{prefix}_od_"))
+    }
+
+    /// What a device has built in, the polynomials around it.
+    fn of_device(self) -> String {
+        match self {
+            Self::Fma => "#define @fma(a, b, c) __fmaf_rn((a), (b), (c))\n".into(),
+            Self::Sqrt => "#define @sqrt(x) __fsqrt_rn(x)\n".into(),
+            Self::Bits => "#define @bits(x) __float_as_uint(x)\n#define @float(x) __uint_as_float(x)\n".into(),
+            _ => self.single().replace("static ", Dialect::Cuda.own()),
+        }
     }
 
     fn double(self) -> &'static str {

@@ -3,7 +3,8 @@
 //! | file | what |
 //! |---|---|
 //! | `function`: [`NamedFunction`] | a recording whose arguments and results are named arrays |
-//! | `text`: [`CText`] | C99 of such functions, with what they call |
+//! | `text`: [`CText`] | C99 or CUDA of such functions, with what they call |
+//! | `cut` | long programs in parts, for compilers of devices |
 //! | `elementary`: [`Elementary`] | sines and exponentials of that text |
 //!
 //! A custom function that a recording calls is written in C by whoever made it:
@@ -25,7 +26,7 @@
 //!     fn c_function(&self, text: &mut CText, name: &str, known: &[Option<f64>]) -> Result<Option<CFunction>> {
 //!         let (real, two) = (text.precision().c_type(), literal(2.0, text.precision()));
 //!         let x = known[0].map_or("x[0]".into(), |x| format!("({})", literal(x, text.precision())));
-//!         let prototype = format!("static void {name}(const {real} *x, {real} *y)");
+//!         let prototype = format!("{}void {name}(const {real} *x, {real} *y)", text.dialect().own());
 //!         text.add(&format!("{prototype}\n{{\n    (void)x;\n    y[0] = {two} * {x};\n}}\n"));
 //!         Ok(Some(CFunction { name: name.into(), prototype, stack: 32, n_instruction: 1, n_most: 1 }))
 //!     }
@@ -37,10 +38,11 @@
 //! # Ok::<(), omnidrones::error::Error>(())
 //! ```
 
+mod cut;
 mod elementary;
 mod function;
 mod text;
 
 pub use elementary::Elementary;
 pub use function::{Access, ExportPrecision, NamedArray, NamedFunction, NamedNumber};
-pub use text::{CFunction, CText, Linkage, literal};
+pub use text::{CFunction, CText, Dialect, Linkage, literal};

@@ -1,13 +1,14 @@
 //! C99 of recorded functions: no heap, no globals that change, no jump but calls.
 //!
-//! Numbers of a function have places by liveness, so that its stack is known; results are written when all is computed, so that arrays
-//! may be the same. Recorded functions of a recording are functions of the text, also where two recordings call the same one.
+//! Numbers of a function have places by liveness, so that its stack is known; results of arrays with names are written when all is computed,
+//! so that arrays may be the same. Recorded functions of a recording are functions of the text, also where two recordings call the same one.
 
+use super::cut::{Parts, parts};
 use super::elementary::Elementary;
 use super::function::{Access, ExportPrecision, NamedArray, NamedFunction};
-use crate::program::{CallOf, Callee, Instruction, InstructionKind, Op, Program, Source, Value, ValueForm};
+use crate::program::{CallOf, Callee, Instruction, InstructionKind, Op, Program, Source, Tape, Value, ValueForm};
 use base::error::{Error, Result};
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashMap};
 use std::fmt::Write;
 use std::sync::Arc;
 
@@ -25,6 +26,10 @@ const SHARES: usize = 32;
 
 /// Bytes to which places of arrays are rounded up.
 const ALIGNED: usize = 16;
+
+/// Instructions from which on a function of a device's text is called, and not put where its calls stand: shorter ones cost more in what
+/// is carried over a call than in length.
+const LONG: usize = 500;
 
 /// Who sees a function.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -50,11 +55,31 @@ pub struct CFunction {
     pub n_most: usize,
 }
 
+/// Who reads a text.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Dialect {
+    /// Compilers of C99.
+    C99,
+    /// Those of CUDA, and of C++ behind definitions of what CUDA has built in.
+    Cuda,
+}
+
+impl Dialect {
+    /// What stands before a function, or a table, that the text alone sees.
+    pub fn own(self) -> &'static str {
+        match self {
+            Self::C99 => "static ",
+            Self::Cuda => "static __device__ ",
+        }
+    }
+}
+
 /// Definitions of one file, callees first.
 #[derive(Debug)]
 pub struct CText {
     prefix: String,
     precision: ExportPrecision,
+    dialect: Dialect,
     needed: BTreeSet<Elementary>,
     parts: Vec<(Arc<ValueForm>, CFunction)>,
     n_name: usize,
@@ -80,11 +105,21 @@ fn operand(x: f64, precision: ExportPrecision) -> String {
 }
 
 impl CText {
-    /// Of functions whose names begin with `prefix`.
+    /// C99 of functions whose names begin with `prefix`.
     pub fn new(prefix: impl Into<String>, precision: ExportPrecision) -> Self {
+        Self::of(prefix.into(), precision, Dialect::C99)
+    }
+
+    /// CUDA of functions whose names begin with `prefix`, in `float`.
+    pub fn cuda(prefix: impl Into<String>) -> Self {
+        Self::of(prefix.into(), ExportPrecision::Single, Dialect::Cuda)
+    }
+
+    fn of(prefix: String, precision: ExportPrecision, dialect: Dialect) -> Self {
         Self {
-            prefix: prefix.into(),
+            prefix,
             precision,
+            dialect,
             needed: BTreeSet::new(),
             parts: Vec::new(),
             n_name: 0,
@@ -95,6 +130,11 @@ impl CText {
     /// Of its numbers.
     pub fn precision(&self) -> ExportPrecision {
         self.precision
+    }
+
+    /// Who reads it.
+    pub fn dialect(&self) -> Dialect {
+        self.dialect
     }
 
     /// What the names of its functions begin with.
@@ -127,9 +167,56 @@ impl CText {
     pub fn function(&mut self, of: &NamedFunction, linkage: Linkage) -> Result<CFunction> {
         let form = Program::text_form(&of.recording)?;
         let name = format!("{}_{}", self.prefix, of.name);
-        let storage = if linkage == Linkage::Static { "static " } else { "" };
+        let storage = if linkage == Linkage::Static { self.dialect.own() } else { "" };
         let prototype = format!("{storage}void {name}({})", parameters(&of.arrays, self.precision));
         self.defined(&form, Arrays::Named(&of.arrays), name, prototype)
+    }
+
+    /// Adds a program as a function whose inputs and results are these expressions of its parameters, in order. A result may lie where an
+    /// input does.
+    ///
+    /// # Errors
+    /// As [`CText::function`].
+    ///
+    /// # Panics
+    /// For another number of inputs or results than the program has.
+    pub fn function_over(
+        &mut self,
+        program: &Program,
+        name: &str,
+        parameters: &str,
+        [inputs, results]: [Vec<String>; 2],
+    ) -> Result<CFunction> {
+        let form = program.as_text();
+        let name = format!("{}_{name}", self.prefix);
+        let prototype = format!("{}void {name}({parameters})", self.dialect.own());
+        match parts(&form, &inputs, &results).filter(|_| self.dialect == Dialect::Cuda) {
+            None => self.defined(&form, Arrays::Places(&inputs, &results), name, prototype),
+            Some(parts) => self.defined_in_parts(parts, name, prototype, parameters),
+        }
+    }
+
+    /// A function that calls its parts, one behind the other.
+    fn defined_in_parts(&mut self, cut: Parts, name: String, prototype: String, parameters: &str) -> Result<CFunction> {
+        let real = self.precision.c_type();
+        let word = |c: char| !(c.is_alphanumeric() || c == '_');
+        let names: Vec<&str> = parameters.split(',').filter_map(|own| own.rsplit(word).next()).collect();
+        let mut body = format!("    {real} m[{}];\n", cut.n_between.max(1));
+        let mut all =
+            CFunction { name: name.clone(), prototype: prototype.clone(), stack: 0, n_instruction: 0, n_most: 0 };
+        for (part, number) in cut.parts.iter().zip(1..) {
+            let own = format!("{name}_{number}");
+            let storage = format!("{}__noinline__ ", self.dialect.own());
+            let head = format!("{storage}void {own}({parameters}, {real} *m)");
+            let [inputs, results] = &part.places;
+            let done = self.defined(&part.form, Arrays::Places(inputs, results), own.clone(), head)?;
+            body += &format!("    {own}({}, m);\n", names.join(", "));
+            all.stack = all.stack.max(done.stack);
+            all.n_instruction += done.n_instruction;
+            all.n_most += done.n_most;
+        }
+        self.add(&format!("{prototype}\n{{\n{body}}}\n"));
+        Ok(all)
     }
 
     /// A function that recordings share.
@@ -138,10 +225,22 @@ impl CText {
             return Ok(known.clone());
         }
         let (name, real) = (self.new_name("part"), self.precision.c_type());
-        let prototype = format!("static void {name}(const {real} *x, {real} *y)");
-        let own = self.defined(form, Arrays::Numbered, name, prototype)?;
+        let tape = match if self.dialect == Dialect::Cuda { form.tape } else { Tape::None } {
+            Tape::None => String::new(),
+            Tape::Inputs(_) => format!(", const {real} *tape"),
+            Tape::Results(_) => format!(", {real} *tape"),
+        };
+        let prototype = format!("{}void {name}(const {real} *x, {real} *y{tape})", self.part_storage(form));
+        let own = self.defined(form, Arrays::Numbered { is_taped: !tape.is_empty() }, name, prototype)?;
         self.parts.push((form.clone(), own.clone()));
         Ok(own)
+    }
+
+    /// What is long stays a function on a device: registers are given out for each alone, and no compiler has to see through all calls.
+    fn part_storage(&self, form: &ValueForm) -> String {
+        let kept =
+            if self.dialect == Dialect::Cuda && form.instructions().len() >= LONG { "__noinline__ " } else { "" };
+        format!("{}{kept}", self.dialect.own())
     }
 
     fn new_name(&mut self, kind: &str) -> String {
@@ -172,7 +271,7 @@ impl CText {
     pub fn finished(self) -> String {
         let mut text = String::new();
         for function in Elementary::with_needs(self.needed.into_iter(), self.precision) {
-            let own = function.text(&self.prefix, self.precision);
+            let own = function.text(&self.prefix, self.precision, self.dialect);
             if !own.is_empty() {
                 text += &own;
                 text.push('\n');
@@ -197,14 +296,28 @@ fn parameters(arrays: &[NamedArray], precision: ExportPrecision) -> String {
 #[derive(Clone, Copy)]
 enum Arrays<'a> {
     Named(&'a [NamedArray]),
-    /// `x` and `y`.
-    Numbered,
+    /// `x` and `y`, and `tape` for the last of one of them.
+    Numbered {
+        is_taped: bool,
+    },
+    /// These expressions.
+    Places(&'a [String], &'a [String]),
 }
 
 impl Arrays<'_> {
-    fn places(self, reads: bool, n: usize) -> Vec<String> {
+    fn places(self, reads: bool, form: &ValueForm) -> Vec<String> {
         let arrays = match self {
-            Self::Numbered => return (0..n).map(|k| format!("{}[{k}]", if reads { 'x' } else { 'y' })).collect(),
+            Self::Numbered { is_taped } => {
+                let (array, n, n_tape) = if reads {
+                    ("x", form.n_input(), form.tape.n_input())
+                } else {
+                    ("y", form.results().len(), form.tape.n_result())
+                };
+                let n_passed = n - if is_taped { n_tape } else { 0 };
+                let own = (0..n_passed).map(|k| format!("{array}[{k}]"));
+                return own.chain((0..n - n_passed).map(|k| format!("tape[{k}]"))).collect();
+            }
+            Self::Places(inputs, results) => return if reads { inputs } else { results }.to_vec(),
             Self::Named(arrays) => arrays,
         };
         let left_out = if reads { Access::Write } else { Access::Read };
@@ -215,7 +328,7 @@ impl Arrays<'_> {
     /// Pointers that a call passes.
     fn n(self) -> usize {
         match self {
-            Self::Numbered => 2,
+            Self::Numbered { .. } | Self::Places(..) => 2,
             Self::Named(arrays) => arrays.iter().filter(|array| !array.numbers.is_empty()).count(),
         }
     }
@@ -223,7 +336,8 @@ impl Arrays<'_> {
     /// Names of arrays, in which a function might be interested or not.
     fn read_names(self) -> Vec<String> {
         match self {
-            Self::Numbered => vec!["x".into()],
+            Self::Numbered { .. } => vec!["x".into()],
+            Self::Places(..) => Vec::new(),
             Self::Named(arrays) => {
                 let own = arrays.iter().filter(|array| array.access == Access::Read && !array.numbers.is_empty());
                 own.map(|array| array.name.clone()).collect()
@@ -245,6 +359,18 @@ struct Body<'a> {
     free: Vec<u32>,
     n_slot: u32,
     is_read: Vec<bool>,
+    is_of_device: bool,
+    writes_early: bool,
+    /// Most numbers that calls are passed.
+    n_passed: usize,
+    /// Where calls left what they computed.
+    left: HashMap<usize, String>,
+    /// Of results.
+    is_written: Vec<bool>,
+    /// The inputs whose places results are written to.
+    covered: Vec<Option<usize>>,
+    /// Which results a value is.
+    results_of: HashMap<usize, Vec<usize>>,
     /// Of the deepest call, with its arguments and results.
     below: usize,
     /// Of arrays of all calls that share no place.
@@ -256,10 +382,20 @@ struct Body<'a> {
 
 impl<'a> Body<'a> {
     fn new(text: &mut CText, form: &'a ValueForm, arrays: Arrays<'a>) -> Result<Self> {
-        let (inputs, results) = (arrays.places(true, form.n_input()), arrays.places(false, form.results().len()));
+        let (inputs, results) = (arrays.places(true, form), arrays.places(false, form));
         assert_eq!((inputs.len(), results.len()), (form.n_input(), form.results().len()), "arrays of the function");
         let order: Vec<u32> = (0..form.instructions().len() as u32).collect();
+        let places: HashMap<&String, usize> = inputs.iter().zip(0..).collect();
+        let mut results_of: HashMap<usize, Vec<usize>> = HashMap::new();
+        form.results().iter().zip(0..).for_each(|(value, k)| results_of.entry(value.index()).or_default().push(k));
         let mut own = Self {
+            is_of_device: text.dialect == Dialect::Cuda,
+            // arrays with names may be the same ones
+            writes_early: text.dialect == Dialect::Cuda && !matches!(arrays, Arrays::Named(_)),
+            left: HashMap::new(),
+            n_passed: 0,
+            covered: results.iter().map(|place| places.get(place).copied()).collect(),
+            results_of,
             form,
             precision: text.precision,
             arrays,
@@ -270,6 +406,7 @@ impl<'a> Body<'a> {
             free: Vec::new(),
             n_slot: 0,
             is_read: vec![false; form.n_input()],
+            is_written: vec![false; form.results().len()],
             below: 0,
             apart: 0,
             n_instruction: form.instructions().len(),
@@ -281,6 +418,7 @@ impl<'a> Body<'a> {
                 InstructionKind::Op(op, operands) => own.op(text, op, operands, instruction, time),
                 InstructionKind::Call(number) => own.call(text, &form.calls()[number], instruction, time)?,
             }
+            own.write_early(instruction, time);
         }
         own.write_results();
         Ok(own)
@@ -297,19 +435,32 @@ impl<'a> Body<'a> {
     fn read(&mut self, value: Value) -> String {
         match self.form.source(value) {
             Source::Input(k) => {
-                self.is_read[k] = true;
-                self.inputs[k].clone()
+                let is_first = !std::mem::replace(&mut self.is_read[k], true);
+                if !matches!(self.arrays, Arrays::Places(..)) {
+                    return self.inputs[k].clone();
+                }
+                // once, where it is read first: who calls a function must believe that it changes all memory
+                if is_first {
+                    let _ =
+                        writeln!(self.statements, "    const {} x{k} = {};", self.precision.c_type(), self.inputs[k]);
+                }
+                format!("x{k}")
             }
             Source::Constant(x) => operand(x, self.precision),
-            Source::Computed => format!("v{}", self.slots[value.index()]),
+            Source::Computed => self.computed(value.index()),
         }
+    }
+
+    fn computed(&self, value: usize) -> String {
+        self.left.get(&value).cloned().unwrap_or_else(|| format!("v{}", self.slots[value]))
     }
 
     /// Places of operands that are read for the last time are free again.
     fn release(&mut self, operands: &[Value], time: usize) {
         for (k, value) in operands.iter().enumerate() {
             let is_last = self.last_use[value.index()] == time && !operands[..k].contains(value);
-            if is_last && self.form.source(*value) == Source::Computed {
+            let is_own = self.form.source(*value) == Source::Computed && !self.left.contains_key(&value.index());
+            if is_last && is_own {
                 self.free.push(self.slots[value.index()]);
             }
         }
@@ -329,7 +480,7 @@ impl<'a> Body<'a> {
     fn forget_unread(&mut self, instruction: &Instruction) {
         let first = instruction.first.index();
         for value in first..first + self.form.n_result_of(instruction) {
-            if self.last_use[value] == 0 {
+            if self.last_use[value] == 0 && !self.left.contains_key(&value) {
                 self.free.push(self.slots[value]);
             }
         }
@@ -407,12 +558,15 @@ impl<'a> Body<'a> {
                 (text.custom(call, &all)?, open.collect())
             }
         };
+        if self.is_of_device {
+            return self.call_of_device(call, &callee, &passed, instruction, time);
+        }
         let arguments: Vec<String> = passed.iter().map(|value| self.read(*value)).collect();
         self.release(&call.operands, time);
         let (n, first) = (call.callee.n_output(), instruction.first.index());
         let real = self.precision.c_type();
-        let mut lines = String::from("    {\n");
         let n_in = arguments.len().max(1);
+        let mut lines = String::from("    {\n");
         let _ = writeln!(lines, "        {real} in[{n_in}], out[{}];", n.max(1));
         // one by one: for a list compilers may call memcpy or memset
         if arguments.is_empty() {
@@ -441,21 +595,130 @@ impl<'a> Body<'a> {
         Ok(())
     }
 
+    /// On a device numbers stay where the function left them until they are read, since there are no registers for all; and a tape, from
+    /// the function that wrote it to its adjoint, stays where it is.
+    fn call_of_device(
+        &mut self,
+        call: &CallOf,
+        callee: &CFunction,
+        passed: &[Value],
+        instruction: &Instruction,
+        time: usize,
+    ) -> Result<()> {
+        let form = if let Callee::Function(form) = &call.callee { Some(form) } else { None };
+        let tape = form.map_or(Tape::None, |form| form.tape);
+        let (plain, taped) = passed.split_at(passed.len() - tape.n_input());
+        for (k, value) in plain.iter().enumerate() {
+            let own = self.read(*value);
+            let _ = writeln!(self.statements, "    in[{k}] = {};", bare(&own));
+        }
+        self.n_passed = self.n_passed.max(plain.len());
+        let (n, first, real) = (call.callee.n_output(), instruction.first.index(), self.precision.c_type());
+        let n_own = n - tape.n_result();
+        let _ = writeln!(self.statements, "    {real} out{time}[{}];", n_own.max(1));
+        let tape = match tape {
+            Tape::None => String::new(),
+            Tape::Results(n) => match self.wanted_in_order(first + n_own, n) {
+                Some(place) => format!(", {place}"),
+                None => {
+                    let _ = writeln!(self.statements, "    {real} tape{time}[{}];", n.max(1));
+                    format!(", tape{time}")
+                }
+            },
+            Tape::Inputs(_) => format!(", {}", self.tape_of(taped, time)),
+        };
+        let _ = writeln!(self.statements, "    {}(in, out{time}{tape});", callee.name);
+        for k in 0..n {
+            let own = if k < n_own { format!("out{time}[{k}]") } else { format!("tape{time}[{}]", k - n_own) };
+            self.left.entry(first + k).or_insert(own);
+        }
+        self.release(&call.operands, time);
+        self.n_instruction += callee.n_instruction;
+        self.n_most += callee.n_most;
+        Ok(())
+    }
+
+    /// Where a tape is wanted, number by number: it is written there at once.
+    fn wanted_in_order(&mut self, first: usize, n: usize) -> Option<String> {
+        if !self.writes_early {
+            return None;
+        }
+        let of = |own: &Self, value: usize| {
+            let [k] = own.results_of.get(&value)?[..] else { return None };
+            let (array, place) = own.results[k].strip_suffix(']')?.split_once('[')?;
+            Some((k, array.to_string(), place.parse::<usize>().ok()?))
+        };
+        let (_, array, place) = of(self, first)?;
+        let wanted: Vec<usize> = (0..n)
+            .map(|k| of(self, first + k).filter(|own| own.1 == array && own.2 == place + k).map(|own| own.0))
+            .collect::<Option<_>>()?;
+        for (value, k) in (first..).zip(wanted) {
+            self.results_of.remove(&value);
+            self.is_written[k] = true;
+            self.left.insert(value, self.results[k].clone());
+        }
+        Some(format!("{array} + {place}"))
+    }
+
+    /// Where these numbers stand one behind the other: where a function left them, or copied.
+    fn tape_of(&mut self, taped: &[Value], time: usize) -> String {
+        let stands = |value: &Value| {
+            let place = match self.form.source(*value) {
+                Source::Input(k) if !self.is_read[k] => Some(&self.inputs[k]),
+                _ => self.left.get(&value.index()),
+            }?;
+            let (array, place) = place.strip_suffix(']')?.split_once('[')?;
+            Some((array.to_string(), place.parse::<usize>().ok()?))
+        };
+        let first = taped.first().and_then(stands);
+        if let Some((array, first)) = first
+            && taped.iter().zip(first..).all(|(value, place)| stands(value) == Some((array.clone(), place)))
+        {
+            return format!("{array} + {first}");
+        }
+        let _ = writeln!(self.statements, "    {} copy{time}[{}];", self.precision.c_type(), taped.len().max(1));
+        for (k, value) in taped.iter().enumerate() {
+            let own = self.read(*value);
+            let _ = writeln!(self.statements, "    copy{time}[{k}] = {};", bare(&own));
+        }
+        format!("copy{time}")
+    }
+
+    /// Results among places are written when they are known, so that nothing else has to keep them; what is read there later is read
+    /// before.
+    fn write_early(&mut self, instruction: &Instruction, time: usize) {
+        if !self.writes_early {
+            return;
+        }
+        let first = instruction.first.index();
+        for value in first..first + self.form.n_result_of(instruction) {
+            for k in self.results_of.remove(&value).unwrap_or_default() {
+                let covered = self.covered[k].filter(|input| self.last_use[*input] > time);
+                if let Some(input) = covered {
+                    self.read(Value(input as u32));
+                }
+                let _ = writeln!(self.statements, "    {} = {};", self.results[k], self.computed(value));
+                self.is_written[k] = true;
+            }
+        }
+    }
+
     /// Inputs that are results are read before anything is written, since arrays may be the same.
     fn write_results(&mut self) {
         let results: Vec<Value> = self.form.results().to_vec();
         let mut copies: Vec<(Value, u32)> = Vec::new();
         for value in &results {
-            if let Source::Input(k) = self.form.source(*value)
-                && !copies.iter().any(|(own, _)| own == value)
-            {
-                self.is_read[k] = true;
+            if matches!(self.form.source(*value), Source::Input(_)) && !copies.iter().any(|(own, _)| own == value) {
+                let own = self.read(*value);
                 let slot = self.place(value.index());
-                let _ = writeln!(self.statements, "    v{slot} = {};", self.inputs[k]);
+                let _ = writeln!(self.statements, "    v{slot} = {own};");
                 copies.push((*value, slot));
             }
         }
         for (k, value) in results.iter().enumerate() {
+            if self.is_written[k] {
+                continue;
+            }
             let own = match copies.iter().find(|(own, _)| own == value) {
                 Some((_, slot)) => format!("v{slot}"),
                 None => self.read(*value),
@@ -470,6 +733,9 @@ impl<'a> Body<'a> {
         let names: Vec<String> = (0..self.n_slot).map(|k| format!("v{k}")).collect();
         if !names.is_empty() {
             wrapped(&mut text, &format!("    {} ", self.precision.c_type()), &names, ";");
+        }
+        if self.is_of_device && !self.left.is_empty() {
+            let _ = writeln!(text, "    {} in[{}];", self.precision.c_type(), self.n_passed.max(1));
         }
         for array in self.arrays.read_names() {
             let reads = format!("{array}[");

@@ -35,7 +35,7 @@ impl CustomFunction for Mixed {
         let operands: Vec<String> = known.iter().map(operand).collect();
         let (real, [a, b]) = (precision.c_type(), [&operands[0], &operands[1]]);
         let [two, three] = [2.0, 3.0].map(|x| literal(x, precision));
-        let prototype = format!("static void {name}(const {real} *x, {real} *y)");
+        let prototype = format!("{}void {name}(const {real} *x, {real} *y)", text.dialect().own());
         text.add(&format!(
             "{prototype}\n{{\n    (void)x;\n    y[0] = {a} - {two} * {b};\n    y[1] = {b} / {a};\n    y[2] = {three};\n}}\n"
         ));

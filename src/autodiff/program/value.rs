@@ -365,7 +365,7 @@ impl ValueForm {
     }
 
     /// Some of the instructions as a program of their own, with `given` values as further inputs.
-    pub(super) fn part(&self, instructions: &[Instruction], given: &[Value], results: &[Value]) -> Self {
+    pub(crate) fn part(&self, instructions: &[Instruction], given: &[Value], results: &[Value]) -> Self {
         let mut place: Vec<Value> = (0..self.n_value as u32).map(Value).collect();
         let n_input = self.n_input + given.len();
         place[self.n_input..self.first_computed()].iter_mut().for_each(|value| value.0 += given.len() as u32);

@@ -116,7 +116,7 @@ impl Parts {
 
     fn add_search(&self, text: &mut CText, name: &str, problem: &Problem, parts: &[CFunction]) -> CFunction {
         let (n, at, real) = (self.n, Places::of(self.n), text.precision().c_type());
-        let prototype = format!("static void {name}(const {real} *x, {real} *y)");
+        let prototype = format!("{}void {name}(const {real} *x, {real} *y)", text.dialect().own());
         let number = |x: f64| literal(x, text.precision());
         let (done, answer) = (at.iterate.end - 1, at.answer.start);
         let preference: Vec<String> = problem.preference.iter().map(|x| number(*x)).collect();

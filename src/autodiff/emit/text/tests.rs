@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::Scalar;
+use crate::emit::NamedNumber;
 use crate::native::tests::{draws, number, random_form};
 use crate::trace::Recording;
 use crate::{Trace, program::BLOCK};
@@ -246,4 +247,22 @@ fn a_floor_in_text_is_that_of_the_library() {
         let expected: Vec<u8> = rows.iter().flat_map(|x| bytes(&floor(x))).collect();
         assert_eq!(output, expected, "{is_double}");
     }
+}
+
+#[test]
+fn arrays_with_names_are_written_when_all_is_read_on_a_device_too() {
+    let recording = Recording::of(2, |z| vec![z[0] + z[1], z[0] * z[1]]);
+    let number = |k: usize| NamedNumber { name: format!("n_{k}"), unit: "-".into() };
+    let state = NamedArray {
+        name: "s".into(),
+        about: String::new(),
+        access: Access::Update,
+        numbers: vec![number(0), number(1)],
+    };
+    let of = NamedFunction { name: "f".into(), about: String::new(), arrays: vec![state], recording };
+    let mut text = CText::cuda("od");
+    text.function(&of, Linkage::Static).unwrap();
+    let text = text.finished();
+    let (product, written) = (text.find("s[0] * s[1]").unwrap(), text.find("s[0] = ").unwrap());
+    assert!(product < written, "{text}");
 }
