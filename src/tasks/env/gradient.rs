@@ -370,6 +370,19 @@ impl Env {
     /// [`Error::Value`] for discrete actions; [`Error::Limit`] before any allocation if that is more than
     /// [`EnvConfig::memory_limit`](crate::EnvConfig::memory_limit).
     pub fn tape(&self, horizon: usize) -> Result<Tape> {
+        self.check_tape(horizon)?;
+        let (layout, n_block) = (self.layout(), self.blocks.len());
+        let block = BlockTape { slots: vec![TapeEntry::new(&layout); horizon] };
+        let statistics = vec![self.core.frozen.clone(); horizon];
+        Ok(Tape { blocks: vec![block; n_block], layout, statistics, n_env: self.spec.n_env, n_step: 0 })
+    }
+
+    /// Whether there may be a tape of so many steps.
+    ///
+    /// # Errors
+    /// As [`Env::tape`].
+    #[doc(hidden)]
+    pub fn check_tape(&self, horizon: usize) -> Result<()> {
         self.check_continuous()?;
         let (layout, n_block) = (self.layout(), self.blocks.len());
         let request = Request {
@@ -380,10 +393,7 @@ impl Env {
             setting: "memory_limit",
             less: "Sweep over shorter windows, step fewer environments at once",
         };
-        request.check(|limit| (u128::from(limit) / tape_bytes(&layout, n_block, 1)).to_string())?;
-        let block = BlockTape { slots: vec![TapeEntry::new(&layout); horizon] };
-        let statistics = vec![self.core.frozen.clone(); horizon];
-        Ok(Tape { blocks: vec![block; n_block], layout, statistics, n_env: self.spec.n_env, n_step: 0 })
+        request.check(|limit| (u128::from(limit) / tape_bytes(&layout, n_block, 1)).to_string())
     }
 
     /// As [`Env::step`], remembered by the tape.

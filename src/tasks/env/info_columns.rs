@@ -95,6 +95,11 @@ impl InfoColumns {
         self.left_out.is_empty()
     }
 
+    /// Where each is told from.
+    pub(crate) fn places(&self) -> &[Place] {
+        &self.places
+    }
+
     pub(crate) fn len(&self) -> usize {
         self.chosen.len()
     }

@@ -28,6 +28,7 @@
 //! | `snapshot` | the exact state as bytes |
 //! | `block` | what sixty-four environments hold |
 //! | `functions` | the phases as functions of named arrays |
+//! | `kernels` | the phases as kernels of a device |
 //! | `transition` | the phases as the function that gradients are taken of |
 //! | `gradient` | tapes, sweeps, Jacobians |
 //! | `single` | one environment, for newcomers |
@@ -39,12 +40,13 @@ pub mod check;
 pub(crate) mod control;
 pub(crate) mod core;
 pub(crate) mod draw_plan;
-mod draws;
+pub(crate) mod draws;
 pub(crate) mod episode_start;
 mod estimate;
 pub(crate) mod functions;
 pub(crate) mod gradient;
 mod info_columns;
+pub(crate) mod kernels;
 pub(crate) mod layout;
 mod limits;
 mod mask;
@@ -52,7 +54,7 @@ mod normaliser;
 pub(crate) mod phases;
 pub(crate) mod programs;
 pub(crate) mod residual;
-mod restart;
+pub(crate) mod restart;
 mod sensing;
 pub(crate) mod single;
 mod snapshot;
@@ -69,6 +71,8 @@ pub use buffers::{Buffers, StepOut};
 #[doc(hidden)]
 pub use functions::{ShownBeside, TaskFunctions};
 pub use gradient::{Adjoint, Cotangents, Jacobian, Seeds, Sweep, SweepOptions, Tape};
+#[doc(hidden)]
+pub use kernels::{EnvKernel, EnvKernels, EnvRows, Given, KernelArguments, PRELUDE, SweepArguments};
 pub use normaliser::PendingStatistics;
 #[doc(hidden)]
 pub use normaliser::VARIANCE_FLOOR;

@@ -263,6 +263,11 @@ impl RowProgram {
         (self.made.recording.n_operation(), self.made.layout.results().len())
     }
 
+    /// What was recorded, and where its numbers stand.
+    pub(super) fn recorded(&self) -> (&Recording, &RowLayout) {
+        (&self.made.recording, &self.made.layout)
+    }
+
     fn scratch(&self) -> Work<[f32; BLOCK]> {
         self.made.executable.work()
     }
@@ -290,6 +295,11 @@ impl RowProgram {
 pub(crate) struct StageProgram(Arc<Made>);
 
 impl StageProgram {
+    /// What was recorded, and where its numbers stand.
+    pub(super) fn recorded(&self) -> (&Recording, &RowLayout) {
+        (&self.0.recording, &self.0.layout)
+    }
+
     /// Arrays are the observation, memory, what a normaliser sees, noise, then what all agents share: whether lanes moved on and begin,
     /// numbers that vary, statistics.
     fn of(core: &Core) -> Result<Self> {

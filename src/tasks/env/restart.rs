@@ -15,10 +15,10 @@ use autodiff::native::Work;
 use autodiff::program::BLOCK;
 use rng::{Purpose, Stream, ln};
 
-const STAGGER: Purpose = Purpose::user(0x57a6);
-const DELAY: Purpose = Purpose::user(0xde1a);
-const TRUNCATE: Purpose = Purpose::user(0x7c07);
-const EASIER: Purpose = Purpose::user(0xea51);
+pub(crate) const STAGGER: Purpose = Purpose::user(0x57a6);
+pub(crate) const DELAY: Purpose = Purpose::user(0xde1a);
+pub(crate) const TRUNCATE: Purpose = Purpose::user(0x7c07);
+pub(crate) const EASIER: Purpose = Purpose::user(0xea51);
 
 /// That of one program.
 type OwnScratch = fn(&mut Scratch) -> &mut Option<Work<[f32; BLOCK]>>;
@@ -134,7 +134,7 @@ impl Stepper<'_> {
 
 /// On the host.
 impl Stepper<'_> {
-    fn start_on_host(&mut self, host: &dyn HostStart, lane: usize) {
+    pub(crate) fn start_on_host(&mut self, host: &dyn HostStart, lane: usize) {
         let (core, key) = (self.core, self.key(lane));
         let (source, draft) = (Streams::of_start(key), &mut self.work.draft);
         draft.clear(core);
@@ -142,7 +142,7 @@ impl Stepper<'_> {
         self.write_draft(lane);
     }
 
-    fn event_on_host(&mut self, host: &dyn HostStart, lane: usize) {
+    pub(crate) fn event_on_host(&mut self, host: &dyn HostStart, lane: usize) {
         let (core, key) = (self.core, self.key(lane));
         let (block, draft, layout) = (&*self.block, &mut self.work.draft, &core.layout.kept);
         draft.clear(core);
