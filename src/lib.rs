@@ -126,6 +126,9 @@ mod speed_gate;
 
 #[doc(inline)]
 pub use base::{error, layers, parallel};
+#[cfg(feature = "cuda")]
+#[doc(inline)]
+pub use gpu;
 #[doc(inline)]
 pub use {autodiff, controllers, dynamics, export, flight, rl, rng, tasks};
 
