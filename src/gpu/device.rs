@@ -88,6 +88,12 @@ impl Device {
         Ok(Kernels { module: Module::new(&self.driver, &code, kernels)? })
     }
 
+    /// Gives work of this device, also of its clones, to a stream of the caller's from now on: a handle of the driver's, 0 for the default
+    /// stream. It must live as long as work goes to it.
+    pub fn set_stream(&self, stream: u64) {
+        self.driver.set_stream(stream);
+    }
+
     /// Waits until all that was asked for is done.
     ///
     /// # Errors

@@ -1,7 +1,7 @@
 //! Many environments of one task on a device.
 
 use crate::device::{Device, Kernels};
-use crate::memory::Array;
+use crate::memory::{Array, DeviceRows};
 use crate::sweep::{DeviceAdjoint, DeviceTape};
 use base::error::{Error, Result};
 use std::ops::Range;
@@ -47,6 +47,29 @@ pub struct DeviceEnv {
     started: Vec<bool>,
     /// Whether a step that was not recorded moved all of them since the last one that was.
     is_moved: bool,
+}
+
+/// What a step tells, where it lies: see [`StepOut`](tasks::StepOut). E environments, A agents.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum DeviceArray {
+    /// `[E, A, observation]`
+    Observation,
+    /// `[E, A]`; all agents of an environment share one number.
+    Reward,
+    /// `[E]`, bytes.
+    Terminated,
+    /// `[E]`, bytes.
+    Truncated,
+    /// `[E, central]`
+    Central,
+    /// `[E, privileged]`
+    Privileged,
+    /// `[E, A, observation]`, where an episode ended.
+    FinalObservation,
+    /// `[E, central]`, where an episode ended.
+    FinalCentral,
+    /// `[E, info]`
+    Info,
 }
 
 /// All arrays.
@@ -263,12 +286,7 @@ impl DeviceEnv {
     /// # Errors
     /// [`Error::Value`] for a slice of the wrong length, or where an environment was never reset.
     pub fn step(&mut self, actions: &[f32]) -> Result<()> {
-        let wanted = self.rows.action.len();
-        if actions.len() != wanted {
-            let remedy = "Rows are [environment, agent, action], row-major.";
-            return Err(Error::value("length of actions", actions.len(), wanted.to_string(), remedy));
-        }
-        self.rows.action.write(actions)?;
+        self.bring_actions(actions)?;
         self.step_on_device(None)
     }
 
@@ -280,17 +298,88 @@ impl DeviceEnv {
         self.step_on_device(None)
     }
 
-    /// As [`DeviceEnv::step`], remembered by the tape.
+    /// One step with actions that lie on the device, `[E, A, action]`.
     ///
     /// # Errors
-    /// As [`DeviceEnv::step`]; [`Error::Limit`] if the tape is full, [`Error::Value`] if it is of another environment.
-    pub fn step_recorded(&mut self, actions: &[f32], tape: &mut DeviceTape) -> Result<()> {
+    /// As [`DeviceEnv::step`]; [`Error::Value`] for numbers of another device or shape.
+    pub fn step_on(&mut self, actions: &DeviceRows) -> Result<()> {
+        self.take_actions(actions)?;
+        self.step_on_device(None)
+    }
+
+    /// As [`DeviceEnv::step_on`], remembered by the tape.
+    ///
+    /// # Errors
+    /// As [`DeviceEnv::step_on`] and [`DeviceEnv::step_recorded`].
+    pub fn step_recorded_on(&mut self, actions: &DeviceRows, tape: &mut DeviceTape) -> Result<()> {
+        self.take_actions(actions)?;
+        self.step_on_device(Some(tape))
+    }
+
+    fn take_actions(&mut self, actions: &DeviceRows) -> Result<()> {
+        let spec = self.host.spec();
+        let each = spec.n_agent * spec.action.len();
+        let given = actions.given("actions", self.device.kind(), spec.n_env, each)?;
+        (self.arguments.action, self.arguments.action_environment) = (given.at, given.environment);
+        self.arguments.action_number = given.number;
+        Ok(())
+    }
+
+    /// Actions of the host, to where its own lie.
+    fn bring_actions(&mut self, actions: &[f32]) -> Result<()> {
         let wanted = self.rows.action.len();
         if actions.len() != wanted {
             let remedy = "Rows are [environment, agent, action], row-major.";
             return Err(Error::value("length of actions", actions.len(), wanted.to_string(), remedy));
         }
-        self.rows.action.write(actions)?;
+        self.arguments.action = self.rows.action.address();
+        self.arguments.action_environment = (wanted / self.spec().n_env) as i64;
+        self.arguments.action_number = 1;
+        self.rows.action.write(actions)
+    }
+
+    /// Where an array of the last step or reset lies. It changes with the next one.
+    pub fn array(&self, which: DeviceArray) -> DeviceRows {
+        let (spec, kernels, rows) = (self.host.spec(), &self.kernels, &self.rows);
+        let (e, a, stride) = (spec.n_env, spec.n_agent, rows.stride as i64);
+        let floats = |array: &Array<f32>, first: usize, shape: Vec<usize>, strides: Vec<i64>| DeviceRows {
+            device: self.device.kind(),
+            address: array.address() + (first * rows.stride * size_of::<f32>()) as u64,
+            shape,
+            strides,
+            is_float: true,
+        };
+        let flags = |array: &Array<u8>| DeviceRows {
+            device: self.device.kind(),
+            address: array.address(),
+            shape: vec![e],
+            strides: vec![1],
+            is_float: false,
+        };
+        let seen = |array, first| {
+            let n = spec.n_observation;
+            floats(array, first, vec![e, a, n], vec![1, n as i64 * stride, stride])
+        };
+        let plain = |array, rows: &Range<usize>| floats(array, rows.start, vec![e, rows.len()], vec![1, stride]);
+        match which {
+            DeviceArray::Observation => seen(&rows.work, kernels.observation.start),
+            DeviceArray::FinalObservation => seen(&rows.final_observation, 0),
+            DeviceArray::Reward => floats(&rows.work, kernels.reward, vec![e, a], vec![1, 0]),
+            DeviceArray::Terminated => flags(&rows.terminated),
+            DeviceArray::Truncated => flags(&rows.truncated),
+            DeviceArray::Central => plain(&rows.work, &kernels.central),
+            DeviceArray::FinalCentral => plain(&rows.final_central, &(0..kernels.central.len())),
+            DeviceArray::Privileged => plain(&rows.kept, &kernels.privileged),
+            DeviceArray::Info => plain(&rows.info, &(0..kernels.n_info)),
+        }
+    }
+
+    /// As [`DeviceEnv::step`], remembered by the tape.
+    ///
+    /// # Errors
+    /// As [`DeviceEnv::step`]; [`Error::Limit`] if the tape is full, [`Error::Value`] if it is of another environment.
+    pub fn step_recorded(&mut self, actions: &[f32], tape: &mut DeviceTape) -> Result<()> {
+        self.bring_actions(actions)?;
         self.step_on_device(Some(tape))
     }
 

@@ -67,6 +67,17 @@ impl Driver {
         }
     }
 
+    /// Gives work to this stream of the driver's from now on, 0 for the default one.
+    pub fn set_stream(&self, stream: u64) {
+        match self {
+            Self::Emulated => {
+                let _ = stream; // work is done at once
+            }
+            #[cfg(feature = "cuda")]
+            Self::Cuda(card) => card.stream.store(stream, std::sync::atomic::Ordering::Release),
+        }
+    }
+
     pub fn synchronise(&self) -> Result<()> {
         match self {
             Self::Emulated => Ok(()),
@@ -224,6 +235,7 @@ mod cuda {
     use cudarc::nvrtc;
     use std::collections::HashMap;
     use std::ffi::{CString, c_void};
+    use std::sync::atomic::{AtomicU64, Ordering};
     use std::sync::{Arc, OnceLock};
     use tasks::env::EnvKernel;
 
@@ -234,6 +246,8 @@ mod cuda {
     #[derive(Debug)]
     pub(crate) struct Card {
         context: Arc<CudaContext>,
+        /// A handle of the driver's, 0 for the default stream.
+        pub stream: Arc<AtomicU64>,
         pub name: String,
         /// What code is made for: `sm_90`.
         pub target: String,
@@ -266,12 +280,13 @@ mod cuda {
             let context = CudaContext::new(number).map_err(broken)?;
             let (major, minor) = context.compute_capability().map_err(broken)?;
             let name = context.name().map_err(broken)?;
-            Ok(Self { context, name, target: format!("sm_{major}{minor}") })
+            Ok(Self { context, stream: Arc::default(), name, target: format!("sm_{major}{minor}") })
         }
 
-        /// Work of this thread goes to this card.
-        fn enter(&self) -> Result<()> {
-            self.context.bind_to_thread().map_err(|error| failed("context of the card", error))
+        /// Work of this thread goes to this card; the stream that it is given to.
+        fn enter(&self) -> Result<sys::CUstream> {
+            self.context.bind_to_thread().map_err(|error| failed("context of the card", error))?;
+            Ok(self.stream.load(Ordering::Acquire) as sys::CUstream)
         }
 
         pub fn synchronise(&self) -> Result<()> {
@@ -279,13 +294,13 @@ mod cuda {
         }
 
         pub fn zeros(&self, n_byte: usize) -> Result<u64> {
-            self.enter()?;
+            let stream = self.enter()?;
             let refused = |error| failed("memory of the card", error);
             let n_byte = n_byte.max(1);
-            // SAFETY: the context is this thread's; the memory is written before anybody knows of it.
+            // SAFETY: the context is this thread's; the memory is written in order with what uses it.
             unsafe {
                 let address = result::malloc_sync(n_byte).map_err(refused)?;
-                result::memset_d8_sync(address, 0, n_byte).map_err(refused)?;
+                result::memset_d8_async(address, 0, n_byte, stream).map_err(refused)?;
                 Ok(address)
             }
         }
@@ -299,15 +314,19 @@ mod cuda {
         }
 
         pub fn write(&self, address: u64, bytes: &[u8]) -> Result<()> {
-            self.enter()?;
-            // SAFETY: within an allocation, as its owner asserts; behind the kernels of the default stream.
-            unsafe { result::memcpy_htod_sync(address, bytes) }.map_err(|error| failed("a copy to the card", error))
+            let stream = self.enter()?;
+            // SAFETY: within an allocation, as its owner asserts; in order with kernels; the driver has read pageable memory when it returns.
+            unsafe { result::memcpy_htod_async(address, bytes, stream) }
+                .map_err(|error| failed("a copy to the card", error))
         }
 
         pub fn read(&self, address: u64, bytes: &mut [u8]) -> Result<()> {
-            self.enter()?;
-            // SAFETY: as in `write`.
-            unsafe { result::memcpy_dtoh_sync(bytes, address) }.map_err(|error| failed("a copy from the card", error))
+            let stream = self.enter()?;
+            // SAFETY: as in `write`; the bytes are there when the stream is done.
+            unsafe {
+                result::memcpy_dtoh_async(bytes, address, stream).and_then(|()| result::stream::synchronize(stream))
+            }
+            .map_err(|error| failed("a copy from the card", error))
         }
 
         pub fn load(&self, binary: &[u8], wanted: &[EnvKernel]) -> Result<Functions> {
@@ -321,7 +340,7 @@ mod cuda {
                 // SAFETY: the module was loaded above.
                 functions.insert(*kernel, unsafe { result::module::get_function(module, name) }.map_err(refused)?);
             }
-            Ok(Functions { context: self.context.clone(), module, functions })
+            Ok(Functions { context: self.context.clone(), stream: self.stream.clone(), module, functions })
         }
     }
 
@@ -329,6 +348,7 @@ mod cuda {
     #[derive(Debug)]
     pub(crate) struct Functions {
         context: Arc<CudaContext>,
+        stream: Arc<AtomicU64>,
         module: sys::CUmodule,
         functions: HashMap<EnvKernel, sys::CUfunction>,
     }
@@ -352,7 +372,7 @@ mod cuda {
                     (blocks, 1, 1),
                     (THREADS, 1, 1),
                     0,
-                    std::ptr::null_mut(),
+                    self.stream.load(Ordering::Acquire) as sys::CUstream,
                     &mut given,
                 )
             }

@@ -19,7 +19,9 @@ mod sweep;
 mod tests;
 
 pub use device::{Device, DeviceKind};
-pub use env::DeviceEnv;
+pub use env::{DeviceArray, DeviceEnv};
+pub use memory::DeviceRows;
+pub use sweep::DeviceCotangents;
 pub use sweep::{DeviceAdjoint, DeviceSweep, DeviceTape};
 
 /// Names that examples in this room's documentation use.

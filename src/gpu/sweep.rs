@@ -1,7 +1,7 @@
 //! Gradients through steps on a device: a tape of what was stepped, and its reverse sweep.
 
 use crate::device::{Device, DeviceKind, Kernels};
-use crate::memory::Array;
+use crate::memory::{Array, DeviceRows};
 use base::error::{Error, Result};
 use std::sync::Arc;
 use tasks::Env;
@@ -105,6 +105,25 @@ impl DeviceTape {
         let n = self.layout.statistics.len();
         if n == 0 { Ok(()) } else { self.statistics.write_at(self.n_step * n, shared) }
     }
+}
+
+/// Cotangents of what one step told that lie on the device, nothing where there are none: see [`Cotangents`].
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct DeviceCotangents {
+    /// `[E, A, observation]`
+    pub observation: Option<DeviceRows>,
+    /// `[E, A, observation]`, where an episode ended.
+    pub final_observation: Option<DeviceRows>,
+    /// `[E, central]`
+    pub central: Option<DeviceRows>,
+    /// `[E, central]`, where an episode ended.
+    pub final_central: Option<DeviceRows>,
+    /// `[E, carried]`, where an episode ended.
+    pub final_carried: Option<DeviceRows>,
+    /// `[E]`, of the team.
+    pub reward: Option<DeviceRows>,
+    /// `[E]`
+    pub loss: Option<DeviceRows>,
 }
 
 /// The adjoint of one step on a device; clones share it.
@@ -238,6 +257,40 @@ impl DeviceSweep {
             row.iter_mut().enumerate().for_each(|(k, x)| *x = columns[k * stride + i]);
         }
         Ok(())
+    }
+
+    /// Pulls cotangents that lie on the device back through step `t`; those of the actions, `[E, A, command]`, stay there and change with the
+    /// next pull.
+    ///
+    /// # Errors
+    /// As [`DeviceSweep::pull`]; [`Error::Value`] for numbers of another device or shape.
+    pub fn pull_on(&mut self, tape: &DeviceTape, t: usize, up: &DeviceCotangents) -> Result<DeviceRows> {
+        self.check_step(tape, t)?;
+        let (own, p) = (&self.adjoint.0, self.adjoint.layout());
+        let given = |what, rows: &Option<DeviceRows>, each| match rows {
+            Some(rows) => rows.given(what, own.device.kind(), own.n_env, each),
+            None => Ok(Given::default()),
+        };
+        let (seen, central) = (p.observation.len(), p.central.len());
+        let all = [
+            given("observation", &up.observation, seen)?,
+            given("final_observation", &up.final_observation, seen)?,
+            given("central", &up.central, central)?,
+            given("final_central", &up.final_central, central)?,
+            given("final_carried", &up.final_carried, p.n_carried())?,
+            given("reward", &up.reward, 1)?,
+            given("loss", &up.loss, 1)?,
+        ];
+        self.pull_given(tape, t, all)?;
+        self.up = all;
+        let (own, n) = (&self.adjoint.0, self.adjoint.layout().action.len());
+        Ok(DeviceRows {
+            device: own.device.kind(),
+            address: self.action.address(),
+            shape: vec![own.n_env, n],
+            strides: vec![1, own.stride as i64],
+            is_float: true,
+        })
     }
 
     /// Pulls back through step `t` with the cotangents of the last pull, which lie on the device; those of actions stay there.

@@ -2,7 +2,7 @@
 
 mod random_calls;
 
-use crate::{Device, DeviceEnv, DeviceKind};
+use crate::{Device, DeviceArray, DeviceCotangents, DeviceEnv, DeviceKind, DeviceRows};
 use base::error::{Error, Result};
 use tasks::env::{Cotangents, SweepOptions};
 use tasks::{Buffers, Env, EnvConfig};
@@ -316,6 +316,81 @@ fn a_batch_goes_on_where_the_host_left_it() -> Result<()> {
     own.update_normaliser()?;
     a.update_normaliser();
     assert_eq!(own.on_host()?.statistics(), a.statistics());
+    Ok(())
+}
+
+/// Numbers of the host as they would lie on a device: in columns, as a network on it leaves them.
+fn in_columns(rows: &[f32], n_env: usize) -> (Vec<f32>, DeviceRows) {
+    let each = rows.len() / n_env;
+    let columns: Vec<f32> = (0..each).flat_map(|k| (0..n_env).map(move |i| rows[i * each + k])).collect();
+    let own =
+        DeviceRows::of_other(DeviceKind::Emulated, columns.as_ptr() as u64, vec![n_env, each], vec![1, n_env as i64]);
+    (columns, own)
+}
+
+#[test]
+fn actions_and_cotangents_of_the_device_are_read_where_they_lie() -> Result<()> {
+    let Some(device) = emulated() else { return Ok(()) };
+    let config = EnvConfig { n_env: 70, ..EnvConfig::default() };
+    let mut both = [DeviceEnv::make("Spread", &config, &device)?, DeviceEnv::make("Spread", &config, &device)?];
+    let [a, b] = &mut both;
+    let (mut tape_a, mut tape_b) = (a.tape(6)?, b.tape(6)?);
+    a.reset(None, None)?;
+    b.reset(None, None)?;
+    let mut actions = vec![0.0; 70 * a.spec().n_agent * a.spec().action.len()];
+    for t in 0..6 {
+        a.sample(t, &mut actions);
+        let (kept, there) = in_columns(&actions, 70);
+        a.step_recorded(&actions, &mut tape_a)?;
+        b.step_recorded_on(&there, &mut tape_b)?;
+        assert_eq!(a.buffers()?, b.buffers()?, "step {t}");
+        drop(kept);
+    }
+    let (adjoint, n) = (a.adjoint(true)?, actions.len());
+    let (mut up_a, mut up_b) = (adjoint.sweep(SweepOptions::default())?, adjoint.sweep(SweepOptions::default())?);
+    let seen: Vec<f32> = (0..70 * adjoint.layout().observation.len()).map(|k| (k % 11) as f32 - 5.0).collect();
+    let (loss, mut action) = (vec![0.5; 70], vec![0.0; n]);
+    for t in (0..6).rev() {
+        let (kept, there) = in_columns(&seen, 70);
+        let up = Cotangents { observation: &seen, loss: &loss, ..Cotangents::default() };
+        up_a.pull(&tape_a, t, &up, &mut action)?;
+        let own = DeviceRows::of_other(DeviceKind::Emulated, loss.as_ptr() as u64, vec![70], vec![1]);
+        let up = DeviceCotangents { observation: Some(there), loss: Some(own), ..DeviceCotangents::default() };
+        let down = up_b.pull_on(&tape_b, t, &up)?;
+        assert_eq!((down.shape(), down.strides()), (&[70, n / 70][..], &[1, 128][..]));
+        assert_eq!(up_a.carried()?, up_b.carried()?, "step {t}");
+        drop(kept);
+    }
+    assert!(up_a.carried()?.iter().any(|x| *x != 0.0));
+    Ok(())
+}
+
+#[test]
+fn rows_of_another_shape_or_device_are_refused() -> Result<()> {
+    let Some(device) = emulated() else { return Ok(()) };
+    let mut env = DeviceEnv::make("Spread", &EnvConfig { n_env: 3, ..EnvConfig::default() }, &device)?;
+    env.reset(None, None)?;
+    let numbers = [0.0_f32; 64];
+    let of = |kind, shape: &[usize], strides: &[i64]| {
+        DeviceRows::of_other(kind, numbers.as_ptr() as u64, shape.to_vec(), strides.to_vec())
+    };
+    let here = DeviceKind::Emulated;
+    let n = env.spec().n_agent;
+    env.step_on(&of(here, &[3, n, 4], &[4 * n as i64, 4, 1]))?;
+    env.step_on(&of(here, &[3, 4 * n], &[1, 3]))?;
+    for (rows, wanted) in [
+        (of(DeviceKind::Cuda(0), &[3, n, 4], &[4 * n as i64, 4, 1]), "on emulated"),
+        (of(here, &[4, n, 3], &[3 * n as i64, 3, 1]), "[3, …]"),
+        (of(here, &[3, n, 4], &[4 * n as i64, 5, 1]), "contiguous"),
+        (env.array(DeviceArray::Terminated), "float32"),
+    ] {
+        let error = env.step_on(&rows).expect_err(wanted).to_string();
+        assert!(error.contains(wanted), "{wanted}: {error}");
+    }
+    let reward = env.array(DeviceArray::Reward);
+    assert_eq!((reward.shape(), reward.strides()), (&[3, n][..], &[1, 0][..]), "agents share a number");
+    let seen = env.array(DeviceArray::Observation);
+    assert_eq!(seen.strides(), [1, 64 * env.spec().n_observation as i64, 64]);
     Ok(())
 }
 
