@@ -11,8 +11,9 @@ use std::time::Instant;
 use tasks::env::{Cotangents, SweepOptions};
 use tasks::{Buffers, Env, EnvConfig};
 
-/// Steps whose bits are compared.
+/// Steps, and how many lie between two comparisons.
 const STEPS: u64 = 1000;
+const EACH: u64 = 50;
 /// Of each comparison.
 const BESIDE: usize = 512;
 
@@ -64,7 +65,7 @@ fn run(device: &Device, seconds: f64, chosen: &[&str]) -> Result<()> {
     Ok(())
 }
 
-/// Numbers that differ from the CPU's after [`STEPS`] steps, restarts included.
+/// Numbers that differ from the CPU's in [`STEPS`] steps, restarts included; what they are shows in all that comes later.
 fn bits_off(task: &str, device: &Device) -> Result<usize> {
     let config = EnvConfig { n_env: BESIDE, ..EnvConfig::default() };
     let (mut own, mut host) = (DeviceEnv::make(task, &config, device)?, Env::make(task, &config)?);
@@ -72,16 +73,23 @@ fn bits_off(task: &str, device: &Device) -> Result<usize> {
     host.reset(None, None, &mut buffers.out())?;
     own.reset(None, None)?;
     let mut actions = vec![0.0; BESIDE * host.spec().n_agent * host.spec().action.len()];
-    for t in 0..STEPS {
+    let differ = |a: &[f32], b: &[f32]| a.iter().zip(b).filter(|(a, b)| a.to_bits() != b.to_bits()).count();
+    let mut off = 0;
+    for t in 1..=STEPS {
         host.sample(t / 10, &mut actions);
         host.step(&actions, &mut buffers.out())?;
         own.step(&actions)?;
+        if t % EACH == 0 {
+            let told = own.buffers()?;
+            off += differ(&told.observation, &buffers.observation)
+                + differ(&told.central, &buffers.central)
+                + differ(&told.reward, &buffers.reward)
+                + differ(&told.info, &buffers.info)
+                + usize::from(told.terminated != buffers.terminated)
+                + usize::from(told.truncated != buffers.truncated);
+        }
     }
-    let told = own.buffers()?;
-    let differ = |a: &[f32], b: &[f32]| a.iter().zip(b).filter(|(a, b)| a.to_bits() != b.to_bits()).count();
-    Ok(differ(&told.observation, &buffers.observation)
-        + differ(&told.reward, &buffers.reward)
-        + differ(&told.info, &buffers.info))
+    Ok(off)
 }
 
 /// Whole steps per second, with observations, rewards and restarts, of the best batch.
