@@ -130,6 +130,7 @@ _REDUCTIONS: dict[Any, Callable[..., Any]] = {
 def ufunc(own: Any, method: str, inputs: Sequence[Any], how: dict[str, Any]) -> Any:
     """What `Number.__array_ufunc__` does."""
     name = f"np.{own.__name__}"
+    _check_size(tuple(inputs))
     out = how.pop("out", None)
     if out is not None and any(target is not None for target in out):
         return _into(own, method, inputs, how, out[0])
@@ -185,7 +186,17 @@ def function(own: Any, args: Sequence[Any], kwargs: dict[str, Any]) -> Any:
         inspect.signature(handler).bind(*args, **kwargs)
     except TypeError as error:
         raise _mistake(f"{_name(own)} of recorded numbers: {error}", "Leave out what only plain arrays need.") from None
+    _check_size((*args, *kwargs.values()))
     return handler(*args, **kwargs)
+
+
+def _check_size(value: Any) -> None:
+    """Refuses what only pretends to be so large: shapes are NumPy's own, and some of its functions would write all of it."""
+    if isinstance(value, _Recorded):
+        _few(value.size)
+    elif isinstance(value, (list, tuple)):
+        for own in value:
+            _check_size(own)
 
 
 def _either(value: Any) -> Any:

@@ -4,6 +4,7 @@ import copy
 import math
 import pickle
 import threading
+import warnings
 
 import numpy as np
 import pytest
@@ -775,6 +776,23 @@ def leaf(name, x):
         "x": x, "y": x[::-1][:3], "m": m, "plain": np.arange(6.0), "one": x[0], "mask": x > 0, "word": "abc", "none": None, "index": 1,
         "list": [x[0], 1.0, x[1]], "empty": x[:0], "slice": slice(0, 2), "huge": np.broadcast_to(x[0], (10**5, 10**5)),
     }[name]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_no_function_writes_an_array_that_only_pretends_to_be_large(name):
+    def f(x):
+        for leaves in (["huge"], ["huge", "index"], ["huge", "x"], ["x", "huge"], ["mask", "huge", "x"], ["huge", "huge", "huge"]):
+            own = [leaf(each, x) for each in leaves]
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                try:
+                    getattr(np, name)(*own)
+                except MemoryError:
+                    raise AssertionError(f"np.{name}({', '.join(leaves)}) asked for memory") from None
+                except Exception:
+                    pass
+
+    within(f, 6)
 
 
 @settings(max_examples=400, deadline=None, suppress_health_check=list(HealthCheck))
