@@ -17,7 +17,14 @@ const EACH: u64 = 50;
 /// Of each comparison.
 const BESIDE: usize = 512;
 
-fn main() -> Result<()> {
+fn main() {
+    if let Err(error) = told() {
+        eprintln!("{error}");
+        std::process::exit(1);
+    }
+}
+
+fn told() -> Result<()> {
     let words: Vec<String> = std::env::args().skip(1).collect();
     let words: Vec<&str> = words.iter().map(String::as_str).collect();
     match words[..] {
