@@ -426,6 +426,11 @@ fn no_gradient_crosses_what_the_caller_moved() {
         assert!((0..70).all(|i| set[i] == (i != 66)), "{set:?}");
         assert_eq!(crosses(task, |env, _| env.load(&env.save()).unwrap()), [false; 70]);
         assert_eq!(crosses(task, |env, out| env.step(&[-0.4; 280], &mut out.out()).unwrap()), [false; 70]);
+        let elsewhere = crosses(task, |env, out| {
+            let mut other = env.tape(1).unwrap();
+            env.step_recorded(&[-0.4; 280], &mut out.out(), &mut other).unwrap();
+        });
+        assert_eq!(elsewhere, [false; 70], "a step that another tape has");
     }
 }
 

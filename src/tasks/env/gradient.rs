@@ -8,7 +8,7 @@
 //! - where an episode ends: a restart does not depend on what was before. What an earlier or later end does to the return,
 //!   no gradient sees;
 //! - where the caller moved an environment between two recorded steps: by [`Env::reset`], [`Env::set_state`],
-//!   [`Env::load`], or a step that was not recorded;
+//!   [`Env::load`], or a step that this tape does not have;
 //! - in environments whose physics gave up in a step: that step has the gradient zero.
 //!
 //! What sensors read is a constant, unless a sensor has `gradient = "pose"`. The tape then keeps how its readings change with
@@ -33,7 +33,7 @@ use base::parallel::{Divide, Threads};
 use nalgebra::{DMatrix, DMatrixView};
 use num_dual::Dual64;
 use std::ops::Range;
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, OnceLock, Weak};
 
 /// One block before one step, with what happened in it.
 #[derive(Debug, Clone)]
@@ -109,9 +109,20 @@ pub(crate) struct BlockTape {
     pub slots: Vec<TapeEntry>,
 }
 
+/// Which tape: a clone is another one.
+#[derive(Debug, Default)]
+struct Identity(Arc<()>);
+
+impl Clone for Identity {
+    fn clone(&self) -> Self {
+        Self::default()
+    }
+}
+
 /// What [`Env::step_recorded`] remembers of up to `horizon` steps.
 #[derive(Debug, Clone)]
 pub struct Tape {
+    identity: Identity,
     pub(crate) blocks: Vec<BlockTape>,
     pub(crate) layout: StepLayout,
     /// The normaliser's, step by step.
@@ -374,7 +385,8 @@ impl Env {
         let (layout, n_block) = (self.layout(), self.blocks.len());
         let block = BlockTape { slots: vec![TapeEntry::new(&layout); horizon] };
         let statistics = vec![self.core.frozen.clone(); horizon];
-        Ok(Tape { blocks: vec![block; n_block], layout, statistics, n_env: self.spec.n_env, n_step: 0 })
+        let (identity, blocks) = (Identity::default(), vec![block; n_block]);
+        Ok(Tape { identity, blocks, layout, statistics, n_env: self.spec.n_env, n_step: 0 })
     }
 
     /// Whether there may be a tape of so many steps.
@@ -406,9 +418,17 @@ impl Env {
             let remedy = "Clear it, or make a longer one with env.tape(horizon).";
             return Err(Error::limit("steps of the tape", tape.n_step + 1, tape.horizon(), remedy));
         }
+        let follows = |(identity, n): &(Weak<()>, usize)| {
+            *n == tape.n_step && Weak::ptr_eq(identity, &Arc::downgrade(&tape.identity.0))
+        };
+        if !self.recorded.as_ref().is_some_and(follows) {
+            // steps of another tape lie between
+            self.blocks.iter_mut().for_each(|block| block.moved = u64::MAX);
+        }
         self.step_into(actions, out, Some(tape))?;
         tape.statistics[tape.n_step].clone_from(&self.core.frozen);
         tape.n_step += 1;
+        self.recorded = Some((Arc::downgrade(&tape.identity.0), tape.n_step));
         Ok(())
     }
 

@@ -112,7 +112,7 @@ use dynamics::rigid::BODY_PARAMETERS;
 use dynamics::rotor::{N_ROTOR_PARAMETER, at};
 use dynamics::shape::Shape;
 use rng::{Purpose, Stream};
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError, Weak};
 
 /// Blocks per task of a thread: their rows stay in its second-level cache.
 const BLOCKS_PER_PART: usize = 4;
@@ -139,6 +139,8 @@ pub struct Env {
     blocks: Vec<EnvBlock>,
     pool: Mutex<Vec<Workspace>>,
     threads: Threads,
+    /// The tape that has the last step, and how many it had then.
+    recorded: Option<(Weak<()>, usize)>,
 }
 
 impl std::fmt::Debug for Env {
@@ -299,7 +301,8 @@ impl Env {
         if let Some(sensing) = &core.sensing {
             blocks.iter_mut().for_each(|block| block.sensors = vec![sensing.sensors(); block.plant.occupied]);
         }
-        let mut env = Self { core, spec, blocks, pool: Mutex::new(Vec::new()), threads: Threads::default() };
+        let (pool, threads) = (Mutex::new(Vec::new()), Threads::default());
+        let mut env = Self { core, spec, blocks, pool, threads, recorded: None };
         env.freeze(statistics);
         env.set_threads(Threads::default());
         Ok(env)
@@ -677,7 +680,7 @@ impl Env {
             let missing = first_lanes(self.spec.n_env - i * BLOCK) & !block.started;
             if missing != 0 {
                 let what = format!("environment {}", i * BLOCK + missing.trailing_zeros() as usize);
-                let remedy = "Call env.reset(None, None, ..) once.";
+                let remedy = "Reset all of them once.";
                 return Err(Error::value(what, "not started", "reset before the first step", remedy));
             }
         }
