@@ -1,7 +1,7 @@
 //! Where kernels run: a card of NVIDIA, or the host in its place.
 
 use crate::compile::{Code, compiled};
-use crate::foreign::{Allocation, Arguments, Driver, Module};
+use crate::foreign::{Allocation, Arguments, Driver, Graph, Module};
 use crate::memory::Array;
 use base::error::{Error, Result};
 use std::fmt;
@@ -92,6 +92,34 @@ impl Device {
     /// stream. It must live as long as work goes to it.
     pub fn set_stream(&self, stream: u64) {
         self.driver.set_stream(stream);
+    }
+
+    /// The stream that work is given to, 0 for the default one.
+    pub fn stream(&self) -> u64 {
+        self.driver.stream()
+    }
+
+    /// Lets what is given to another stream from now on wait for all that was given to this device's.
+    ///
+    /// # Errors
+    /// [`Error::Value`] with what the driver says.
+    pub fn let_wait(&self, stream: u64) -> Result<()> {
+        self.driver.let_wait(stream)
+    }
+
+    /// Whether somebody remembers what is asked for instead of doing it: a graph of another library.
+    pub(crate) fn is_remembered(&self) -> bool {
+        self.driver.is_remembered()
+    }
+
+    /// Waits for what begins: work of other streams would not. Nothing to wait for while it is remembered.
+    pub(crate) fn settle(&self) -> Result<()> {
+        if self.is_remembered() { Ok(()) } else { self.driver.synchronise() }
+    }
+
+    /// What `work` asks for in this thread, to be asked for at once; it is not done.
+    pub(crate) fn graph(&self, work: impl FnOnce() -> Result<()>) -> Result<Graph> {
+        Graph::of(&self.driver, work)
     }
 
     /// Waits until all that was asked for is done.

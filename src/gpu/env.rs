@@ -1,10 +1,12 @@
 //! Many environments of one task on a device.
 
 use crate::device::{Device, Kernels};
+use crate::foreign::Graph;
 use crate::memory::{Array, DeviceRows};
 use crate::sweep::{DeviceAdjoint, DeviceTape};
 use base::error::{Error, Result};
 use std::ops::Range;
+use std::sync::{Arc, Weak};
 use tasks::env::{EnvKernel, EnvKernels, EnvRows, KernelArguments};
 use tasks::{Buffers, Env, EnvConfig, PendingStatistics, Spec, Statistics};
 
@@ -47,6 +49,12 @@ pub struct DeviceEnv {
     started: Vec<bool>,
     /// Whether a step that was not recorded moved all of them since the last one that was.
     is_moved: bool,
+    /// The tape that has the last step, and how many it had then.
+    recorded: Option<(Weak<()>, usize)>,
+    /// Whether a graph of another library has remembered steps: they may be done again without a word.
+    is_remembered: bool,
+    /// Which environments these are.
+    identity: Arc<()>,
 }
 
 /// What a step tells, where it lies: see [`StepOut`](tasks::StepOut). E environments, A agents.
@@ -70,6 +78,30 @@ pub enum DeviceArray {
     FinalCentral,
     /// `[E, info]`
     Info,
+    /// `[E, A, action]`: what [`DeviceEnv::step_again`] steps with, and where actions of the host are brought.
+    Action,
+}
+
+/// Steps of a [`DeviceEnv`] as one piece of work: see [`DeviceEnv::graph`].
+#[derive(Debug)]
+pub struct DeviceGraph {
+    graph: Graph,
+    /// Whose arrays it works on.
+    of: Arc<()>,
+    shared: (u64, u32),
+    n: usize,
+}
+
+impl DeviceGraph {
+    /// Steps.
+    pub fn len(&self) -> usize {
+        self.n
+    }
+
+    /// Whether it steps nothing.
+    pub fn is_empty(&self) -> bool {
+        self.n == 0
+    }
 }
 
 /// All arrays.
@@ -110,6 +142,16 @@ fn check_size(n_env: usize, stride: usize, kernels: &EnvKernels) -> Result<()> {
         most,
         "Step fewer environments at once, or several batches side by side.",
     ))
+}
+
+/// One entry per environment, where there are any.
+fn check_rows(what: &str, got: Option<usize>, n: usize) -> Result<()> {
+    match got.filter(|got| *got != n) {
+        None => Ok(()),
+        Some(got) => {
+            Err(Error::value(format!("length of {what}"), got, n.to_string(), "Give one entry per environment."))
+        }
+    }
 }
 
 impl DeviceEnv {
@@ -201,8 +243,13 @@ impl DeviceEnv {
             is_mirrored: true,
             started: own.started,
             is_moved: true,
+            recorded: None,
+            is_remembered: false,
+            identity: Arc::default(),
         };
         own.look()?;
+        // what is asked for on another stream finds them so
+        own.device.settle()?;
         Ok(own)
     }
 
@@ -212,7 +259,9 @@ impl DeviceEnv {
     /// As [`Env::tape`]; [`Error::Value`] where the device has no room.
     pub fn tape(&self, horizon: usize) -> Result<DeviceTape> {
         self.host.check_tape(horizon)?;
-        DeviceTape::new(&self.device, self.host.layout(), horizon, self.spec().n_env, self.rows.stride)
+        let tape = DeviceTape::new(&self.device, self.host.layout(), horizon, self.spec().n_env, self.rows.stride)?;
+        self.device.settle()?;
+        Ok(tape)
     }
 
     /// The adjoint of a step on the device: see [`Env::adjoint`].
@@ -253,12 +302,8 @@ impl DeviceEnv {
     /// [`Error::Value`] for a slice of the wrong length.
     pub fn reset(&mut self, which: Option<&[bool]>, seeds: Option<&[u64]>) -> Result<()> {
         let n = self.spec().n_env;
-        for (what, got) in [("which", which.map(<[bool]>::len)), ("seeds", seeds.map(<[u64]>::len))] {
-            if let Some(got) = got.filter(|got| *got != n) {
-                let remedy = "Give one entry per environment.";
-                return Err(Error::value(format!("length of {what}"), got, n.to_string(), remedy));
-            }
-        }
+        check_rows("which", which.map(<[bool]>::len), n)?;
+        check_rows("seeds", seeds.map(<[u64]>::len), n)?;
         let is_chosen = |i: usize| which.is_none_or(|which| which[i]);
         if let Some(seeds) = seeds {
             let (mut seed, mut episode) = (self.rows.seed.read()?, self.rows.episode.read()?);
@@ -268,17 +313,36 @@ impl DeviceEnv {
             self.rows.seed.write(&seed)?;
             self.rows.episode.write(&episode)?;
         }
-        let restart: Vec<u8> = (0..n).map(|i| u8::from(is_chosen(i))).collect();
-        self.rows.restart.write(&restart)?;
-        if !self.is_moved {
-            let mut moved = self.rows.moved.read()?;
-            moved.iter_mut().zip(&restart).for_each(|(own, begins)| *own |= begins);
-            self.rows.moved.write(&moved)?;
+        match which {
+            // which a graph may have
+            None => self.rows.restart.fill(1)?,
+            Some(which) => {
+                let restart: Vec<u8> = which.iter().map(|own| u8::from(*own)).collect();
+                self.rows.restart.write(&restart)?;
+            }
         }
         self.is_mirrored = false;
         self.begin(true, false)?;
-        self.started.iter_mut().zip(&restart).for_each(|(own, begins)| *own |= *begins == 1);
+        self.started.iter_mut().take(n).enumerate().for_each(|(i, own)| *own |= is_chosen(i));
         Ok(())
+    }
+
+    /// As [`DeviceEnv::reset`] of those whose flags, bool `[E]` on the device, are set. Where all have begun before and no seeds are given,
+    /// nothing of it waits for the device.
+    ///
+    /// # Errors
+    /// As [`DeviceEnv::reset`]; [`Error::Value`] for flags of another device or shape.
+    pub fn reset_on(&mut self, which: &DeviceRows, seeds: Option<&[u64]>) -> Result<()> {
+        let n = self.spec().n_env;
+        let at = which.flags("mask", self.device.kind(), n)?;
+        check_rows("seeds", seeds.map(<[u64]>::len), n)?;
+        self.rows.restart.copy_at(0, at, n)?;
+        if seeds.is_some() || self.check_started().is_err() {
+            let marked: Vec<bool> = self.rows.restart.read_at(0, n)?.iter().map(|own| *own != 0).collect();
+            return self.reset(Some(&marked), seeds);
+        }
+        self.is_mirrored = false;
+        self.begin(true, false)
     }
 
     /// One step of every environment, with actions of the host: row-major `[E, A, action]`, as [`Env::step`].
@@ -290,12 +354,63 @@ impl DeviceEnv {
         self.step_on_device(None)
     }
 
-    /// One step with the actions of the last one, which lie on the device.
+    /// One step with the actions that lie in [`DeviceArray::Action`]: those of the host's last step, or what others wrote there.
     ///
     /// # Errors
     /// As [`DeviceEnv::step`].
     pub fn step_again(&mut self) -> Result<()> {
+        self.take_own_actions();
         self.step_on_device(None)
+    }
+
+    /// As [`DeviceEnv::step_again`], remembered by the tape.
+    ///
+    /// # Errors
+    /// As [`DeviceEnv::step_recorded`].
+    pub fn step_recorded_again(&mut self, tape: &mut DeviceTape) -> Result<()> {
+        self.take_own_actions();
+        self.step_on_device(Some(tape))
+    }
+
+    /// `n` times [`DeviceEnv::step_again`] as one piece of work for [`DeviceEnv::replay`]; nothing is stepped yet. Small batches take less
+    /// time to step than their kernels to be asked for.
+    ///
+    /// # Errors
+    /// As [`DeviceEnv::step`]; [`Error::Value`] for a task that begins on the host.
+    pub fn graph(&mut self, n: usize) -> Result<DeviceGraph> {
+        self.check_started()?;
+        if self.kernels.draft.is_some() {
+            let remedy = "Step it one by one.";
+            let task = &self.spec().task;
+            return Err(Error::value("task of a graph", task, "one whose episodes begin on the device", remedy));
+        }
+        let (device, before) = (self.device.clone(), (self.is_mirrored, self.is_moved, self.is_remembered));
+        let graph = device.graph(|| (0..n).try_for_each(|_| self.step_again()));
+        (self.is_mirrored, self.is_moved, self.is_remembered) = before;
+        let graph = graph?;
+        Ok(DeviceGraph { graph, of: self.identity.clone(), shared: self.shared_by_steps(), n })
+    }
+
+    /// Steps as a graph of these environments does, with what lies in [`DeviceArray::Action`].
+    ///
+    /// # Errors
+    /// [`Error::Value`] for a graph of other environments, or from before what steps share was set: difficulty, collecting.
+    pub fn replay(&mut self, graph: &DeviceGraph) -> Result<()> {
+        self.check_started()?;
+        if !Arc::ptr_eq(&graph.of, &self.identity) || graph.shared != self.shared_by_steps() {
+            let remedy = "Make another one with env.graph(n).";
+            let limit = "of these environments, with their difficulty and collecting";
+            return Err(Error::value("the graph", "of others", limit, remedy));
+        }
+        (self.is_mirrored, self.is_moved) = (false, true);
+        self.is_remembered |= self.device.is_remembered();
+        graph.graph.launch()
+    }
+
+    /// What steps are told beside their arrays, as a graph keeps it: difficulty, and whether they collect.
+    #[doc(hidden)]
+    pub fn shared_by_steps(&self) -> (u64, u32) {
+        (self.arguments.difficulty.to_bits(), self.arguments.collects)
     }
 
     /// One step with actions that lie on the device, `[E, A, action]`.
@@ -325,6 +440,13 @@ impl DeviceEnv {
         Ok(())
     }
 
+    /// Actions are those that lie in its own array.
+    fn take_own_actions(&mut self) {
+        self.arguments.action = self.rows.action.address();
+        self.arguments.action_environment = (self.rows.action.len() / self.spec().n_env) as i64;
+        self.arguments.action_number = 1;
+    }
+
     /// Actions of the host, to where its own lie.
     fn bring_actions(&mut self, actions: &[f32]) -> Result<()> {
         let wanted = self.rows.action.len();
@@ -332,9 +454,7 @@ impl DeviceEnv {
             let remedy = "Rows are [environment, agent, action], row-major.";
             return Err(Error::value("length of actions", actions.len(), wanted.to_string(), remedy));
         }
-        self.arguments.action = self.rows.action.address();
-        self.arguments.action_environment = (wanted / self.spec().n_env) as i64;
-        self.arguments.action_number = 1;
+        self.take_own_actions();
         self.rows.action.write(actions)
     }
 
@@ -342,20 +462,11 @@ impl DeviceEnv {
     pub fn array(&self, which: DeviceArray) -> DeviceRows {
         let (spec, kernels, rows) = (self.host.spec(), &self.kernels, &self.rows);
         let (e, a, stride) = (spec.n_env, spec.n_agent, rows.stride as i64);
-        let floats = |array: &Array<f32>, first: usize, shape: Vec<usize>, strides: Vec<i64>| DeviceRows {
-            device: self.device.kind(),
-            address: array.address() + (first * rows.stride * size_of::<f32>()) as u64,
-            shape,
-            strides,
-            is_float: true,
+        let device = self.device.kind();
+        let floats = |array: &Array<f32>, row: usize, shape: Vec<usize>, strides: Vec<i64>| {
+            array.lent(device, row * rows.stride, shape, strides)
         };
-        let flags = |array: &Array<u8>| DeviceRows {
-            device: self.device.kind(),
-            address: array.address(),
-            shape: vec![e],
-            strides: vec![1],
-            is_float: false,
-        };
+        let flags = |array: &Array<u8>| array.lent(device, 0, vec![e], vec![1]);
         let seen = |array, first| {
             let n = spec.n_observation;
             floats(array, first, vec![e, a, n], vec![1, n as i64 * stride, stride])
@@ -371,6 +482,11 @@ impl DeviceEnv {
             DeviceArray::FinalCentral => plain(&rows.final_central, &(0..kernels.central.len())),
             DeviceArray::Privileged => plain(&rows.kept, &kernels.privileged),
             DeviceArray::Info => plain(&rows.info, &(0..kernels.n_info)),
+            DeviceArray::Action => {
+                let n = spec.action.len();
+                let strides = vec![(a * n) as i64, n as i64, 1];
+                floats(&rows.action, 0, vec![e, a, n], strides)
+            }
         }
     }
 
@@ -389,9 +505,10 @@ impl DeviceEnv {
         match &tape {
             Some(tape) => {
                 tape.place(&self.device, self.host.layout(), self.host.spec().n_env, &mut self.arguments)?;
-                tape.keep_statistics(&self.host.shared_numbers())?;
-                if std::mem::take(&mut self.is_moved) {
-                    self.rows.moved.write(&vec![1; self.rows.stride])?;
+                tape.keep_statistics(&self.rows.shared)?;
+                // steps of another tape lie between, or of none
+                if std::mem::take(&mut self.is_moved) || !tape.follows(self.recorded.as_ref()) {
+                    self.rows.moved.fill(1)?;
                 }
                 self.launch(EnvKernel::Open)?;
             }
@@ -405,6 +522,7 @@ impl DeviceEnv {
         if let Some(tape) = tape {
             self.launch(EnvKernel::Close)?;
             tape.n_step += 1;
+            self.recorded = Some(tape.last());
         }
         self.collect()?;
         self.begin(self.spec().config.autoreset == tasks::Autoreset::NextStep, true)
@@ -412,6 +530,7 @@ impl DeviceEnv {
 
     /// Begins episodes where they are marked; behind a step, stops those that ended in it.
     fn begin(&mut self, clears: bool, is_step: bool) -> Result<()> {
+        self.is_remembered |= self.device.is_remembered();
         (self.arguments.clears, self.arguments.stops) = (u32::from(clears), u32::from(is_step));
         self.draft(&self.rows.restart.read_if(self.kernels.draft.is_some())?, false)?;
         self.launch(EnvKernel::Begin)?;
@@ -452,7 +571,7 @@ impl DeviceEnv {
 
     /// Brings the host's environments to where those of the device are.
     fn mirror(&mut self) -> Result<()> {
-        if self.is_mirrored {
+        if self.is_mirrored && !self.is_remembered {
             return Ok(());
         }
         let rows = EnvRows {
@@ -584,14 +703,15 @@ impl DeviceEnv {
         self.is_moved = true;
         self.arguments.difficulty = self.host.difficulty();
         (self.is_mirrored, self.started) = (true, own.started);
-        self.look()
+        self.look()?;
+        self.device.settle()
     }
 
     fn check_started(&self) -> Result<()> {
         match self.started[..self.spec().n_env].iter().position(|own| !own) {
             None => Ok(()),
             Some(i) => {
-                let remedy = "Call env.reset(None, None) once.";
+                let remedy = "Reset all of them once.";
                 Err(Error::value(format!("environment {i}"), "not started", "reset before the first step", remedy))
             }
         }

@@ -4,8 +4,10 @@
 
 use crate::compile::{Code, compiler};
 use crate::device::DeviceKind;
+use crate::memory::DeviceRows;
 use base::error::{Error, Result};
 use libloading::Library;
+use std::cell::RefCell;
 use std::collections::HashMap;
 use std::ffi::c_void;
 use std::process::Command;
@@ -74,7 +76,37 @@ impl Driver {
                 let _ = stream; // work is done at once
             }
             #[cfg(feature = "cuda")]
-            Self::Cuda(card) => card.stream.store(stream, std::sync::atomic::Ordering::Release),
+            Self::Cuda(card) => card.queue.set_stream(stream),
+        }
+    }
+
+    /// The stream that work is given to.
+    pub fn stream(&self) -> u64 {
+        match self {
+            Self::Emulated => 0,
+            #[cfg(feature = "cuda")]
+            Self::Cuda(card) => card.queue.stream(),
+        }
+    }
+
+    /// Lets what is given to another stream from now on wait for all that was given to this one.
+    pub fn let_wait(&self, stream: u64) -> Result<()> {
+        match self {
+            Self::Emulated => {
+                let _ = stream; // work is done at once
+                Ok(())
+            }
+            #[cfg(feature = "cuda")]
+            Self::Cuda(card) => card.let_wait(stream),
+        }
+    }
+
+    /// Whether somebody else remembers work of the stream instead of doing it: a graph of PyTorch's.
+    pub fn is_remembered(&self) -> bool {
+        match self {
+            Self::Emulated => false,
+            #[cfg(feature = "cuda")]
+            Self::Cuda(card) => card.queue.is_remembered(),
         }
     }
 
@@ -112,6 +144,9 @@ impl Allocation {
 
     pub fn write(&self, at: usize, bytes: &[u8]) -> Result<()> {
         assert!(at + bytes.len() <= self.n_byte, "bytes of the memory");
+        if bytes.is_empty() {
+            return Ok(());
+        }
         match &*self.driver {
             Driver::Emulated => {
                 // SAFETY: within the allocation, as asserted, which nobody else reads or writes: kernels of the host run in the thread that
@@ -128,6 +163,9 @@ impl Allocation {
 
     pub fn read(&self, at: usize, bytes: &mut [u8]) -> Result<()> {
         assert!(at + bytes.len() <= self.n_byte, "bytes of the memory");
+        if bytes.is_empty() {
+            return Ok(());
+        }
         match &*self.driver {
             Driver::Emulated => {
                 // SAFETY: as in `write`.
@@ -138,6 +176,42 @@ impl Allocation {
             }
             #[cfg(feature = "cuda")]
             Driver::Cuda(card) => card.read(self.address + at as u64, bytes),
+        }
+    }
+}
+
+impl Allocation {
+    /// All of it, this byte.
+    pub fn fill(&self, byte: u8) -> Result<()> {
+        if self.n_byte == 0 {
+            return Ok(());
+        }
+        match &*self.driver {
+            Driver::Emulated => {
+                // SAFETY: the allocation; else as in `write`.
+                unsafe { std::ptr::write_bytes(self.address as *mut u8, byte, self.n_byte) };
+                Ok(())
+            }
+            #[cfg(feature = "cuda")]
+            Driver::Cuda(card) => card.fill(self.address, byte, self.n_byte),
+        }
+    }
+
+    /// Some of it, from memory of the same device that has as many bytes and stays until that is done.
+    pub fn copy(&self, at: usize, from: u64, n_byte: usize) -> Result<()> {
+        assert!(at + n_byte <= self.n_byte, "bytes of the memory");
+        if n_byte == 0 {
+            return Ok(());
+        }
+        match &*self.driver {
+            Driver::Emulated => {
+                // SAFETY: within the allocation, as asserted, and within the other, as the caller holds; else as in `write`. They may be the
+                // same one.
+                unsafe { std::ptr::copy(from as *const u8, (self.address as *mut u8).add(at), n_byte) };
+                Ok(())
+            }
+            #[cfg(feature = "cuda")]
+            Driver::Cuda(card) => card.copy(self.address + at as u64, from, n_byte),
         }
     }
 }
@@ -161,11 +235,143 @@ fn words_of(n_byte: usize) -> usize {
     n_byte.div_ceil(8).max(1)
 }
 
+/// Numbers as DLPack describes them (dlpack.h, version 0.8).
+#[repr(C)]
+struct DlTensor {
+    data: *mut c_void,
+    device_type: i32,
+    device_id: i32,
+    n_axis: i32,
+    code: u8,
+    bits: u8,
+    lanes: u16,
+    shape: *mut i64,
+    strides: *mut i64,
+    byte_offset: u64,
+}
+
+/// A description that its taker gives back.
+#[repr(C)]
+struct DlManaged {
+    tensor: DlTensor,
+    context: *mut c_void,
+    deleter: Option<unsafe extern "C" fn(*mut DlManaged)>,
+}
+
+/// What others hold: a description, first, with all that it points to.
+#[repr(C)]
+struct Lent {
+    managed: DlManaged,
+    shape: Box<[i64]>,
+    strides: Box<[i64]>,
+    _holder: Option<Arc<Allocation>>,
+}
+
+/// As DLPack numbers them: the host, a card of NVIDIA.
+const DL_CPU: i32 = 1;
+const DL_CUDA: i32 = 2;
+/// Kinds and bits of numbers.
+const DL_FLOAT: (u8, u8) = (2, 32);
+const DL_BOOL: (u8, u8) = (6, 8);
+
+unsafe extern "C" fn give_back(own: *mut DlManaged) {
+    // SAFETY: the first field of a box of `to_dlpack`, which its taker gives back once.
+    drop(unsafe { Box::from_raw(own.cast::<Lent>()) });
+}
+
+impl DeviceKind {
+    /// As DLPack numbers devices: kind and number. Memory of the stand-in is memory of the host.
+    pub fn dlpack(self) -> (i32, i32) {
+        match self {
+            Self::Cuda(number) => (DL_CUDA, number as i32),
+            Self::Emulated => (DL_CPU, 0),
+        }
+    }
+}
+
+impl DeviceRows {
+    /// The address of a `DLManagedTensor` of DLPack about these numbers, whose taker calls its deleter once; until then their memory stays.
+    #[doc(hidden)]
+    pub fn to_dlpack(&self) -> u64 {
+        let (device_type, device_id) = self.device.dlpack();
+        let (code, bits) = if self.is_float { DL_FLOAT } else { DL_BOOL };
+        let mut own = Box::new(Lent {
+            managed: DlManaged {
+                tensor: DlTensor {
+                    data: self.address as *mut c_void,
+                    device_type,
+                    device_id,
+                    n_axis: self.shape.len() as i32,
+                    code,
+                    bits,
+                    lanes: 1,
+                    shape: std::ptr::null_mut(),
+                    strides: std::ptr::null_mut(),
+                    byte_offset: 0,
+                },
+                context: std::ptr::null_mut(),
+                deleter: Some(give_back),
+            },
+            shape: self.shape.iter().map(|n| *n as i64).collect(),
+            strides: self.strides.iter().copied().collect(),
+            _holder: self.holder.clone(),
+        });
+        own.managed.tensor.shape = own.shape.as_mut_ptr();
+        own.managed.tensor.strides = own.strides.as_mut_ptr();
+        Box::into_raw(own) as u64
+    }
+
+    /// Gives back what [`DeviceRows::to_dlpack`] lent and nobody took.
+    #[doc(hidden)]
+    pub fn give_back(dlpack: u64) {
+        // SAFETY: the address of a description that was not given back, as the caller holds.
+        unsafe { give_back(dlpack as *mut DlManaged) };
+    }
+
+    /// What a `DLManagedTensor` at this address describes. Who has it stays its owner, and keeps it as long as these rows are used.
+    ///
+    /// # Errors
+    /// What the numbers are that are neither `float32` nor bool.
+    #[doc(hidden)]
+    pub fn of_dlpack(address: u64) -> std::result::Result<Self, String> {
+        // SAFETY: the address of a description that lives, as the caller holds.
+        let own = unsafe { &(*(address as *const DlManaged)).tensor };
+        let n = usize::try_from(own.n_axis).unwrap_or(0);
+        let axes = |at: *mut i64| {
+            if at.is_null() || n == 0 {
+                return None;
+            }
+            // SAFETY: the description says that there are as many.
+            Some(unsafe { std::slice::from_raw_parts(at, n) }.to_vec())
+        };
+        let shape: Vec<usize> = axes(own.shape).unwrap_or_default().into_iter().map(|n| n as usize).collect();
+        let in_order = || {
+            let mut strides: Vec<i64> =
+                shape.iter().rev().scan(1, |at, n| Some(std::mem::replace(at, *at * *n as i64))).collect();
+            strides.reverse();
+            strides
+        };
+        let strides = axes(own.strides).unwrap_or_else(in_order);
+        let device = match own.device_type {
+            DL_CUDA => DeviceKind::Cuda(own.device_id as usize),
+            _ => DeviceKind::Emulated,
+        };
+        let at = own.data as u64 + own.byte_offset;
+        let kind = ["int", "uint", "float", "opaque ", "bfloat", "complex", "bool"].get(usize::from(own.code));
+        match (own.code, own.bits) {
+            _ if own.lanes != 1 => Err(format!("vectors of {}", own.lanes)),
+            DL_FLOAT => Ok(Self::of_other(device, at, shape, strides)),
+            DL_BOOL => Ok(Self::flags_of_other(device, at, shape, strides)),
+            (_, bits) => Err(format!("{}{bits}", kind.unwrap_or(&"numbers of bits "))),
+        }
+    }
+}
+
 /// Of the host: all environments, one after the other.
 type HostKernel = unsafe extern "C" fn(*const c_void);
 
 /// What kernels take: structures that the prelude declares, field by field.
-pub(crate) trait Arguments: Copy {}
+pub(crate) trait Arguments: Copy + Send + Sync + 'static {}
 
 impl Arguments for KernelArguments {}
 impl Arguments for SweepArguments {}
@@ -214,13 +420,79 @@ impl Module {
         match self {
             Self::Emulated { kernels, .. } => {
                 let _ = n; // they count themselves
+                let (kernel, own) = (kernels[&kernel], *arguments);
                 // SAFETY: addresses and sizes are those of arrays that the caller holds, as long as the layout of the environment says.
-                unsafe { kernels[&kernel]((&raw const *arguments).cast()) };
+                host_work(Box::new(move || unsafe { kernel((&raw const own).cast()) }));
                 Ok(())
             }
             #[cfg(feature = "cuda")]
             Self::Cuda(functions) => functions.launch(kernel, n, arguments),
         }
+    }
+}
+
+/// A kernel of the host with its arguments.
+type HostWork = Box<dyn Fn() + Send + Sync>;
+
+thread_local! {
+    /// Where this thread's work goes while it is remembered.
+    static REMEMBERED: RefCell<Option<Vec<HostWork>>> = const { RefCell::new(None) };
+}
+
+/// Does it, or remembers it.
+fn host_work(work: HostWork) {
+    REMEMBERED.with_borrow_mut(|own| match own {
+        Some(own) => own.push(work),
+        None => work(),
+    });
+}
+
+/// Kernels that were asked for, to be asked for again at once. What they work on must be there then.
+pub(crate) enum Graph {
+    Emulated(Vec<HostWork>),
+    #[cfg(feature = "cuda")]
+    Cuda(cuda::CardGraph),
+}
+
+impl Graph {
+    /// Of what `work` asks for in this thread, which is not done.
+    pub fn of(driver: &Driver, work: impl FnOnce() -> Result<()>) -> Result<Self> {
+        match driver {
+            Driver::Emulated => {
+                /// Takes what was remembered also where that panicked.
+                struct Ends;
+                impl Drop for Ends {
+                    fn drop(&mut self) {
+                        REMEMBERED.take();
+                    }
+                }
+                REMEMBERED.set(Some(Vec::new()));
+                let ends = Ends;
+                work()?;
+                let all = REMEMBERED.take().unwrap_or_default();
+                drop(ends);
+                Ok(Self::Emulated(all))
+            }
+            #[cfg(feature = "cuda")]
+            Driver::Cuda(card) => card.graph(work).map(Self::Cuda),
+        }
+    }
+
+    pub fn launch(&self) -> Result<()> {
+        match self {
+            Self::Emulated(all) => {
+                all.iter().for_each(|work| work());
+                Ok(())
+            }
+            #[cfg(feature = "cuda")]
+            Self::Cuda(graph) => graph.launch(),
+        }
+    }
+}
+
+impl std::fmt::Debug for Graph {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Graph")
     }
 }
 
@@ -233,8 +505,10 @@ mod cuda {
     use base::error::{Error, Result};
     use cudarc::driver::{CudaContext, DriverError, result, sys};
     use cudarc::nvrtc;
+    use std::cell::Cell;
     use std::collections::HashMap;
     use std::ffi::{CString, c_void};
+    use std::ptr::null_mut;
     use std::sync::atomic::{AtomicU64, Ordering};
     use std::sync::{Arc, OnceLock};
     use tasks::env::EnvKernel;
@@ -242,12 +516,94 @@ mod cuda {
     /// Threads of a block: what kernels are compiled for.
     const THREADS: u32 = 128;
 
-    /// A card with its primary context, which other libraries share, and the stream that work is given to.
+    thread_local! {
+        /// The stream whose work is remembered for a graph, while this thread makes one.
+        static REMEMBERING: Cell<sys::CUstream> = const { Cell::new(null_mut()) };
+    }
+
+    /// The primary context of a card, which other libraries share, and the stream that work is given to.
     #[derive(Debug)]
-    pub(crate) struct Card {
+    pub(crate) struct Queue {
         context: Arc<CudaContext>,
         /// A handle of the driver's, 0 for the default stream.
-        pub stream: Arc<AtomicU64>,
+        stream: AtomicU64,
+    }
+
+    /// This thread in the context of a card; where it was before when this is dropped.
+    struct Entered {
+        stream: sys::CUstream,
+        before: Option<sys::CUcontext>,
+    }
+
+    impl Drop for Entered {
+        fn drop(&mut self) {
+            if let Some(before) = self.before {
+                // SAFETY: what was current in this thread, of a library that keeps it.
+                let _ = unsafe { result::ctx::set_current(before) };
+            }
+        }
+    }
+
+    /// This thread may allocate and free while others make graphs, as long as this lives.
+    struct Relaxed(sys::CUstreamCaptureMode);
+
+    impl Relaxed {
+        fn begin() -> Self {
+            let mut mode = sys::CUstreamCaptureMode_enum::CU_STREAM_CAPTURE_MODE_RELAXED;
+            // SAFETY: of this thread alone; gives what was before.
+            let _ = unsafe { sys::cuThreadExchangeStreamCaptureMode(&raw mut mode) };
+            Self(mode)
+        }
+    }
+
+    impl Drop for Relaxed {
+        fn drop(&mut self) {
+            // SAFETY: as above.
+            let _ = unsafe { sys::cuThreadExchangeStreamCaptureMode(&raw mut self.0) };
+        }
+    }
+
+    impl Queue {
+        /// Work of this thread goes to this card, and to the stream that is told, as long as what is returned lives.
+        fn enter(&self) -> Result<Entered> {
+            let refused = |error| failed("context of the card", error);
+            let before = result::ctx::get_current().map_err(refused)?.filter(|own| *own != self.context.cu_ctx());
+            self.context.bind_to_thread().map_err(refused)?;
+            let own = REMEMBERING.get();
+            Ok(Entered { stream: if own.is_null() { self.stream() as sys::CUstream } else { own }, before })
+        }
+
+        /// Refuses numbers of the host while work is remembered: a graph would read them when they are gone.
+        fn check_done_now(&self) -> Result<()> {
+            if !self.is_remembered() {
+                return Ok(());
+            }
+            let remedy = "Bring them to the card before, as tensors there, or do this outside of the graph.";
+            Err(Error::value("numbers of the host", "within a graph", "asked for and done at once", remedy))
+        }
+
+        pub fn set_stream(&self, stream: u64) {
+            self.stream.store(stream, Ordering::Release);
+        }
+
+        pub fn stream(&self) -> u64 {
+            self.stream.load(Ordering::Acquire)
+        }
+
+        pub fn is_remembered(&self) -> bool {
+            let status = self.enter().map(|own| {
+                // SAFETY: a stream of the caller's that lives, or the default one.
+                unsafe { result::stream::is_capturing(own.stream) }
+            });
+            // the default stream answers with an error while another one is captured
+            !matches!(status, Ok(Ok(sys::CUstreamCaptureStatus::CU_STREAM_CAPTURE_STATUS_NONE)))
+        }
+    }
+
+    /// A card.
+    #[derive(Debug)]
+    pub(crate) struct Card {
+        pub queue: Arc<Queue>,
         pub name: String,
         /// What code is made for: `sm_90`.
         pub target: String,
@@ -280,57 +636,95 @@ mod cuda {
             let context = CudaContext::new(number).map_err(broken)?;
             let (major, minor) = context.compute_capability().map_err(broken)?;
             let name = context.name().map_err(broken)?;
-            Ok(Self { context, stream: Arc::default(), name, target: format!("sm_{major}{minor}") })
+            let queue = Arc::new(Queue { context, stream: AtomicU64::default() });
+            Ok(Self { queue, name, target: format!("sm_{major}{minor}") })
         }
 
-        /// Work of this thread goes to this card; the stream that it is given to.
-        fn enter(&self) -> Result<sys::CUstream> {
-            self.context.bind_to_thread().map_err(|error| failed("context of the card", error))?;
-            Ok(self.stream.load(Ordering::Acquire) as sys::CUstream)
+        fn enter(&self) -> Result<Entered> {
+            self.queue.enter()
         }
 
         pub fn synchronise(&self) -> Result<()> {
-            self.context.synchronize().map_err(|error| failed("kernels", error))
+            let _own = self.enter()?;
+            result::ctx::synchronize().map_err(|error| failed("kernels", error))
+        }
+
+        pub fn let_wait(&self, stream: u64) -> Result<()> {
+            let own = self.enter()?;
+            let refused = |error| failed("order of two streams", error);
+            let event = result::event::create(sys::CUevent_flags::CU_EVENT_DISABLE_TIMING).map_err(refused)?;
+            // SAFETY: the event was created above and is destroyed once, which the driver does when nobody waits for it any more; both
+            // streams live, or are the default one.
+            unsafe {
+                let waits = result::event::record(event, own.stream).and_then(|()| {
+                    let flags = sys::CUevent_wait_flags::CU_EVENT_WAIT_DEFAULT;
+                    result::stream::wait_event(stream as sys::CUstream, event, flags)
+                });
+                result::event::destroy(event).and(waits).map_err(refused)
+            }
+        }
+
+        /// Of what `work` asks for in this thread: it goes to a stream that remembers it, and is not done.
+        pub fn graph(&self, work: impl FnOnce() -> Result<()>) -> Result<CardGraph> {
+            let _entered = self.enter()?;
+            let refused = |error| failed("graph of kernels", error);
+            let own = Remembering::begin().map_err(refused)?;
+            let done = work();
+            let graph = own.end().map_err(refused);
+            // SAFETY: the graph was captured above; what is made of it does not need it any more.
+            let made = graph.and_then(|graph| unsafe {
+                let made = done.and_then(|()| {
+                    result::graph::instantiate(graph, sys::CUgraphInstantiate_flags(0)).map_err(refused)
+                });
+                result::graph::destroy(graph).map_err(refused).and(made)
+            });
+            Ok(CardGraph { queue: self.queue.clone(), graph: made? })
         }
 
         pub fn zeros(&self, n_byte: usize) -> Result<u64> {
-            let stream = self.enter()?;
+            let (own, _relaxed) = (self.enter()?, Relaxed::begin());
             let refused = |error| failed("memory of the card", error);
             let n_byte = n_byte.max(1);
             // SAFETY: the context is this thread's; the memory is written in order with what uses it.
             unsafe {
                 let address = result::malloc_sync(n_byte).map_err(refused)?;
-                result::memset_d8_async(address, 0, n_byte, stream).map_err(refused)?;
+                result::memset_d8_async(address, 0, n_byte, own.stream).map_err(refused)?;
                 Ok(address)
             }
         }
 
         pub fn free(&self, address: u64) {
             // at the end of a process the driver may be gone, and the memory with it
-            if self.enter().is_ok() {
+            if let Ok(_own) = self.enter() {
+                let _relaxed = Relaxed::begin();
                 // SAFETY: an allocation of `zeros`, freed once; the driver waits for kernels that use it.
                 let _ = unsafe { result::free_sync(address) };
             }
         }
 
         pub fn write(&self, address: u64, bytes: &[u8]) -> Result<()> {
-            let stream = self.enter()?;
+            self.queue.check_done_now()?;
+            let own = self.enter()?;
             // SAFETY: within an allocation, as its owner asserts; in order with kernels; the driver has read pageable memory when it returns.
-            unsafe { result::memcpy_htod_async(address, bytes, stream) }
+            unsafe { result::memcpy_htod_async(address, bytes, own.stream) }
                 .map_err(|error| failed("a copy to the card", error))
         }
 
+        /// Whatever stream it was written on: a graph of another library may have been replayed on one that nobody told.
         pub fn read(&self, address: u64, bytes: &mut [u8]) -> Result<()> {
-            let stream = self.enter()?;
+            self.queue.check_done_now()?;
+            let own = self.enter()?;
             // SAFETY: as in `write`; the bytes are there when the stream is done.
             unsafe {
-                result::memcpy_dtoh_async(bytes, address, stream).and_then(|()| result::stream::synchronize(stream))
+                result::ctx::synchronize()
+                    .and_then(|()| result::memcpy_dtoh_async(bytes, address, own.stream))
+                    .and_then(|()| result::stream::synchronize(own.stream))
             }
             .map_err(|error| failed("a copy from the card", error))
         }
 
         pub fn load(&self, binary: &[u8], wanted: &[EnvKernel]) -> Result<Functions> {
-            self.enter()?;
+            let (_own, _relaxed) = (self.enter()?, Relaxed::begin());
             let refused = |error| failed("code of kernels", error);
             // SAFETY: NVRTC made the image for this card, or a file of its hash holds it; the driver checks it, and copies it.
             let module = unsafe { result::module::load_data(binary.as_ptr().cast()) }.map_err(refused)?;
@@ -340,15 +734,89 @@ mod cuda {
                 // SAFETY: the module was loaded above.
                 functions.insert(*kernel, unsafe { result::module::get_function(module, name) }.map_err(refused)?);
             }
-            Ok(Functions { context: self.context.clone(), stream: self.stream.clone(), module, functions })
+            Ok(Functions { queue: self.queue.clone(), module, functions })
+        }
+
+        pub fn fill(&self, address: u64, byte: u8, n_byte: usize) -> Result<()> {
+            let own = self.enter()?;
+            // SAFETY: an allocation of `zeros`, in order with kernels.
+            unsafe { result::memset_d8_async(address, byte, n_byte, own.stream) }
+                .map_err(|error| failed("memory of the card", error))
+        }
+
+        pub fn copy(&self, to: u64, from: u64, n_byte: usize) -> Result<()> {
+            let own = self.enter()?;
+            // SAFETY: within allocations, as their owners assert; in order with kernels.
+            unsafe { result::memcpy_dtod_async(to, from, n_byte, own.stream) }
+                .map_err(|error| failed("a copy on the card", error))
+        }
+    }
+
+    /// A stream of its own whose work is remembered, as long as this lives, for what this thread asks for.
+    struct Remembering(sys::CUstream);
+
+    impl Remembering {
+        fn begin() -> std::result::Result<Self, DriverError> {
+            let stream = result::stream::create(result::stream::StreamKind::NonBlocking)?;
+            let own = Self(stream);
+            // SAFETY: the stream lives.
+            unsafe {
+                result::stream::begin_capture(
+                    stream,
+                    sys::CUstreamCaptureMode_enum::CU_STREAM_CAPTURE_MODE_THREAD_LOCAL,
+                )?;
+            }
+            REMEMBERING.set(stream);
+            Ok(own)
+        }
+
+        fn end(self) -> std::result::Result<sys::CUgraph, DriverError> {
+            // SAFETY: the stream lives, and is captured since it began.
+            unsafe { result::stream::end_capture(self.0) }
+        }
+    }
+
+    impl Drop for Remembering {
+        fn drop(&mut self) {
+            REMEMBERING.set(null_mut());
+            // SAFETY: created once, destroyed once.
+            let _ = unsafe { result::stream::destroy(self.0) };
+        }
+    }
+
+    /// Kernels of a card that are asked for at once.
+    pub(crate) struct CardGraph {
+        queue: Arc<Queue>,
+        graph: sys::CUgraphExec,
+    }
+
+    // SAFETY: a handle of the driver, which may be used from every thread that has entered the context.
+    unsafe impl Send for CardGraph {}
+    // SAFETY: as above; two launches of one graph follow each other.
+    unsafe impl Sync for CardGraph {}
+
+    impl CardGraph {
+        pub fn launch(&self) -> Result<()> {
+            let own = self.queue.enter()?;
+            // SAFETY: the graph lives; its kernels work on arrays that the caller holds.
+            unsafe { result::graph::launch(self.graph, own.stream) }.map_err(|error| failed("graph of kernels", error))
+        }
+    }
+
+    impl Drop for CardGraph {
+        fn drop(&mut self) {
+            if let Ok(_own) = self.queue.enter() {
+                let _relaxed = Relaxed::begin();
+                // SAFETY: made once; the driver waits for what runs.
+                let _ = unsafe { result::graph::exec_destroy(self.graph) };
+            }
         }
     }
 
     /// Kernels on a card.
     #[derive(Debug)]
     pub(crate) struct Functions {
-        context: Arc<CudaContext>,
-        stream: Arc<AtomicU64>,
+        queue: Arc<Queue>,
         module: sys::CUmodule,
         functions: HashMap<EnvKernel, sys::CUfunction>,
     }
@@ -360,7 +828,7 @@ mod cuda {
 
     impl Functions {
         pub fn launch<T: Copy>(&self, kernel: EnvKernel, n: usize, arguments: &T) -> Result<()> {
-            self.context.bind_to_thread().map_err(|error| failed("context of the card", error))?;
+            let entered = self.queue.enter()?;
             let mut own = *arguments;
             let mut given = [(&raw mut own).cast::<c_void>()];
             let blocks = (n as u32).div_ceil(THREADS).max(1);
@@ -372,7 +840,7 @@ mod cuda {
                     (blocks, 1, 1),
                     (THREADS, 1, 1),
                     0,
-                    self.stream.load(Ordering::Acquire) as sys::CUstream,
+                    entered.stream,
                     &mut given,
                 )
             }
@@ -382,7 +850,8 @@ mod cuda {
 
     impl Drop for Functions {
         fn drop(&mut self) {
-            if self.context.bind_to_thread().is_ok() {
+            if let Ok(_own) = self.queue.enter() {
+                let _relaxed = Relaxed::begin();
                 // SAFETY: loaded once, and nobody has its functions any more.
                 let _ = unsafe { result::module::unload(self.module) };
             }

@@ -19,7 +19,7 @@ mod sweep;
 mod tests;
 
 pub use device::{Device, DeviceKind};
-pub use env::{DeviceArray, DeviceEnv};
+pub use env::{DeviceArray, DeviceEnv, DeviceGraph};
 pub use memory::DeviceRows;
 pub use sweep::DeviceCotangents;
 pub use sweep::{DeviceAdjoint, DeviceSweep, DeviceTape};

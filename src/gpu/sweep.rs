@@ -3,13 +3,14 @@
 use crate::device::{Device, DeviceKind, Kernels};
 use crate::memory::{Array, DeviceRows};
 use base::error::{Error, Result};
-use std::sync::Arc;
+use std::sync::{Arc, Weak};
 use tasks::Env;
 use tasks::env::{Adjoint, Cotangents, EnvKernel, Given, KernelArguments, StepLayout, SweepArguments, SweepOptions};
 
 /// What [`DeviceEnv::step_recorded`](crate::DeviceEnv::step_recorded) remembers of up to `horizon` steps, on the device.
 #[derive(Debug)]
 pub struct DeviceTape {
+    identity: Arc<()>,
     device: DeviceKind,
     layout: StepLayout,
     n_env: usize,
@@ -43,6 +44,7 @@ impl DeviceTape {
             moved: flags()?,
             statistics: device.zeros(horizon * layout.statistics.len())?,
             n_step: 0,
+            identity: Arc::default(),
             device: device.kind(),
             layout,
             n_env,
@@ -90,8 +92,8 @@ impl DeviceTape {
     ) -> Result<()> {
         self.check(device, &layout, n_env)?;
         if self.n_step == self.horizon {
-            let remedy = "Pull it back and clear it, or make a longer one.";
-            return Err(Error::limit("step of the tape", self.n_step, self.horizon.saturating_sub(1), remedy));
+            let remedy = "Clear it, or make a longer one with env.tape(horizon).";
+            return Err(Error::limit("steps of the tape", self.n_step + 1, self.horizon, remedy));
         }
         let row = (self.n_step * self.stride) as u64;
         arguments.tape = self.rows.address() + row * (size_of::<f32>() * self.layout.n_kept()) as u64;
@@ -101,14 +103,24 @@ impl DeviceTape {
         Ok(())
     }
 
-    pub(crate) fn keep_statistics(&self, shared: &[f32]) -> Result<()> {
+    /// Which tape, and how many steps it has.
+    pub(crate) fn last(&self) -> (Weak<()>, usize) {
+        (Arc::downgrade(&self.identity), self.n_step)
+    }
+
+    /// Whether the next step comes behind the last one that was recorded anywhere.
+    pub(crate) fn follows(&self, last: Option<&(Weak<()>, usize)>) -> bool {
+        last.is_some_and(|(identity, n)| *n == self.n_step && Weak::ptr_eq(identity, &Arc::downgrade(&self.identity)))
+    }
+
+    pub(crate) fn keep_statistics(&self, shared: &Array<f32>) -> Result<()> {
         let n = self.layout.statistics.len();
-        if n == 0 { Ok(()) } else { self.statistics.write_at(self.n_step * n, shared) }
+        if n == 0 { Ok(()) } else { self.statistics.copy_at(self.n_step * n, shared.address(), n) }
     }
 }
 
 /// Cotangents of what one step told that lie on the device, nothing where there are none: see [`Cotangents`].
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Default)]
 pub struct DeviceCotangents {
     /// `[E, A, observation]`
     pub observation: Option<DeviceRows>,
@@ -161,7 +173,7 @@ impl DeviceAdjoint {
     pub fn sweep(&self, options: SweepOptions) -> Result<DeviceSweep> {
         let (own, p) = (&self.0, self.layout());
         let rows = |n: usize| own.device.zeros::<f32>(n * own.stride);
-        Ok(DeviceSweep {
+        let sweep = DeviceSweep {
             carried: rows(p.n_carried())?,
             action: rows(p.action.len())?,
             parameters: rows(own.n_parameter)?,
@@ -173,7 +185,9 @@ impl DeviceAdjoint {
             adjoint: self.clone(),
             options,
             last: None,
-        })
+        };
+        own.device.settle()?;
+        Ok(sweep)
     }
 }
 
@@ -202,9 +216,9 @@ impl DeviceSweep {
     /// [`Error::Value`] with what the driver says.
     pub fn restart(&mut self) -> Result<()> {
         for rows in [&self.carried, &self.parameters] {
-            rows.write(&vec![0.0; rows.len()])?;
+            rows.clear()?;
         }
-        self.dropped.write(&vec![0; self.dropped.len()])?;
+        self.dropped.clear()?;
         self.last = None;
         Ok(())
     }
@@ -284,13 +298,7 @@ impl DeviceSweep {
         self.pull_given(tape, t, all)?;
         self.up = all;
         let (own, n) = (&self.adjoint.0, self.adjoint.layout().action.len());
-        Ok(DeviceRows {
-            device: own.device.kind(),
-            address: self.action.address(),
-            shape: vec![own.n_env, n],
-            strides: vec![1, own.stride as i64],
-            is_float: true,
-        })
+        Ok(self.action.lent(own.device.kind(), 0, vec![own.n_env, n], vec![1, own.stride as i64]))
     }
 
     /// Pulls back through step `t` with the cotangents of the last pull, which lie on the device; those of actions stay there.

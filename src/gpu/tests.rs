@@ -366,6 +366,39 @@ fn actions_and_cotangents_of_the_device_are_read_where_they_lie() -> Result<()> 
 }
 
 #[test]
+fn steps_that_another_tape_has_cut_gradients_as_on_the_host() -> Result<()> {
+    let Some(device) = emulated() else { return Ok(()) };
+    let config = EnvConfig { n_env: 70, ..EnvConfig::default() };
+    let (mut own, mut host) = (DeviceEnv::make("Hover", &config, &device)?, Env::make("Hover", &config)?);
+    let (mut tapes, mut on_host) = ([own.tape(6)?, own.tape(6)?], [host.tape(6)?, host.tape(6)?]);
+    let (mut buffers, mut actions) = (Buffers::new(host.spec()), vec![0.0; 280]);
+    host.reset(None, None, &mut buffers.out())?;
+    own.reset(None, None)?;
+    for (t, k) in [0, 0, 1, 1, 0, 1, 0].into_iter().enumerate() {
+        host.sample(t as u64, &mut actions);
+        own.step_recorded(&actions, &mut tapes[k])?;
+        host.step_recorded(&actions, &mut buffers.out(), &mut on_host[k])?;
+    }
+    let (adjoint, of_host) = (own.adjoint(false)?, host.adjoint(false)?);
+    for k in [0, 1] {
+        let mut sweep = adjoint.sweep(SweepOptions::default())?;
+        let mut host_sweep = of_host.sweep(SweepOptions::default());
+        let (mut a, mut b) = (vec![0.0; 280], vec![0.0; 280]);
+        let mut crosses = Vec::new();
+        for t in (0..tapes[k].len()).rev() {
+            let loss = if t + 1 == tapes[k].len() { vec![1.0; 70] } else { Vec::new() };
+            let up = Cotangents { loss: &loss, ..Cotangents::default() };
+            sweep.pull(&tapes[k], t, &up, &mut a)?;
+            host_sweep.pull(&on_host[k], t, &up, &mut b)?;
+            assert_eq!(alike(&a, &b), None, "tape {k}, step {t}");
+            crosses.push(a.iter().any(|x| *x != 0.0));
+        }
+        assert_eq!(crosses[1..], vec![false; crosses.len() - 1], "tape {k}: the last step alone");
+    }
+    Ok(())
+}
+
+#[test]
 fn rows_of_another_shape_or_device_are_refused() -> Result<()> {
     let Some(device) = emulated() else { return Ok(()) };
     let mut env = DeviceEnv::make("Spread", &EnvConfig { n_env: 3, ..EnvConfig::default() }, &device)?;
@@ -423,6 +456,96 @@ fn tapes_beyond_memory_and_of_others_are_refused() -> Result<()> {
     let mut sweep = b.adjoint(false)?.sweep(SweepOptions::default())?;
     let error = sweep.pull(&tape, 0, &Cotangents::default(), &mut action).expect_err("another size").to_string();
     assert!(error.contains("of another environment"), "{error}");
+    Ok(())
+}
+
+#[test]
+fn what_is_lent_has_the_numbers_of_the_step_and_outlives_its_environment() -> Result<()> {
+    let Some(device) = emulated() else { return Ok(()) };
+    let mut env = DeviceEnv::make("Spread", &EnvConfig { n_env: 5, ..EnvConfig::default() }, &device)?;
+    env.reset(None, None)?;
+    let actions: Vec<f32> = (0..5 * env.spec().n_agent * 4).map(|k| k as f32 * 0.01).collect();
+    env.step(&actions)?;
+    let told = env.buffers()?;
+    let flags = |own: &[u8]| own.iter().map(|x| f32::from(*x)).collect::<Vec<_>>();
+    let all = [
+        (DeviceArray::Observation, told.observation.clone()),
+        (DeviceArray::Reward, told.reward.clone()),
+        (DeviceArray::Terminated, flags(&told.terminated)),
+        (DeviceArray::Truncated, flags(&told.truncated)),
+        (DeviceArray::Central, told.central.clone()),
+        (DeviceArray::Privileged, told.privileged.clone()),
+        (DeviceArray::FinalObservation, told.final_observation.clone()),
+        (DeviceArray::FinalCentral, told.final_central.clone()),
+        (DeviceArray::Info, told.info.clone()),
+        (DeviceArray::Action, actions),
+    ];
+    let env_rows: Vec<_> = all.iter().map(|(which, _)| (*which, env.array(*which))).collect();
+    let lent: Vec<u64> = env_rows.iter().map(|(_, rows)| rows.to_dlpack()).collect();
+    let reward = env.array(DeviceArray::Info).column(0);
+    drop(env);
+    let width = told.info.len() / 5;
+    let wanted: Vec<f32> = (0..5).map(|i| told.info[i * width]).collect();
+    assert_eq!(reward.to_host()?, wanted, "a column");
+    for ((which, wanted), lent) in all.iter().zip(lent) {
+        let rows = DeviceRows::of_dlpack(lent).expect("float32 or bool");
+        assert_eq!(rows.device(), DeviceKind::Emulated);
+        assert_eq!(rows.shape().iter().product::<usize>(), wanted.len(), "{which:?}");
+        let kept = env_rows.iter().find(|(own, _)| own == which).map(|(_, rows)| rows).expect("one of them");
+        assert_eq!((rows.address(), rows.shape(), rows.strides()), (kept.address(), kept.shape(), kept.strides()));
+        assert_eq!(kept.to_host()?, *wanted, "{which:?}");
+        DeviceRows::give_back(lent);
+    }
+    Ok(())
+}
+
+#[test]
+fn a_graph_is_replayed_by_its_environments_alone() -> Result<()> {
+    let Some(device) = emulated() else { return Ok(()) };
+    let config = EnvConfig { n_env: 3, ..EnvConfig::default() };
+    let (mut a, mut b) = (DeviceEnv::make("Hover", &config, &device)?, DeviceEnv::make("Hover", &config, &device)?);
+    assert!(a.graph(1).expect_err("never reset").to_string().contains("reset"));
+    a.reset(None, None)?;
+    b.reset(None, None)?;
+    let graph = a.graph(2)?;
+    assert_eq!((graph.len(), graph.is_empty()), (2, false));
+    assert_eq!(a.buffers()?, b.buffers()?, "nothing is stepped when it is made");
+    a.replay(&graph)?;
+    assert!(b.replay(&graph).expect_err("of others").to_string().contains("of others"));
+    a.set_difficulty(0.5)?;
+    assert!(a.replay(&graph).expect_err("other difficulty").to_string().contains("difficulty"));
+    let mut formation = DeviceEnv::make("Formation", &config, &device)?;
+    formation.reset(None, None)?;
+    assert!(formation.graph(1).expect_err("begins on the host").to_string().contains("Formation"));
+    Ok(())
+}
+
+#[test]
+fn flags_of_another_kind_shape_or_device_are_refused() -> Result<()> {
+    let Some(device) = emulated() else { return Ok(()) };
+    let mut env = DeviceEnv::make("Hover", &EnvConfig { n_env: 3, ..EnvConfig::default() }, &device)?;
+    let (which, numbers) = ([1_u8, 0, 1, 0, 1], [0.0_f32; 3]);
+    let of = |kind, n: usize, stride| DeviceRows::flags_of_other(kind, which.as_ptr() as u64, vec![n], vec![stride]);
+    let here = DeviceKind::Emulated;
+    assert!(env.step(&[0.0; 12]).expect_err("never reset").to_string().contains("reset"));
+    env.reset_on(&of(here, 3, 1), None)?;
+    assert!(env.step(&[0.0; 12]).expect_err("one of them").to_string().contains("environment 1"));
+    env.reset(None, None)?;
+    env.reset_on(&of(here, 3, 1), Some(&[1, 2, 3]))?;
+    let floats = DeviceRows::of_other(here, numbers.as_ptr() as u64, vec![3], vec![1]);
+    for (rows, wanted) in [
+        (of(DeviceKind::Cuda(0), 3, 1), "on emulated"),
+        (of(here, 4, 1), "[3] of bool"),
+        (of(here, 3, 2), "[3] of bool"),
+        (floats, "of bool"),
+    ] {
+        let error = env.reset_on(&rows, None).expect_err(wanted).to_string();
+        assert!(error.contains(wanted), "{wanted}: {error}");
+    }
+    let odd = DeviceRows::of_other(here, numbers.as_ptr() as u64 + 2, vec![3, 4], vec![4, 1]);
+    assert!(env.step_on(&odd).expect_err("between two numbers").to_string().contains("aligned"));
+    let large = DeviceRows::of_other(here, numbers.as_ptr() as u64, vec![3, usize::MAX, 4], vec![1, 1, 1]);
+    assert!(env.step_on(&large).expect_err("beyond counting").to_string().contains("[3, …]"));
     Ok(())
 }
 

@@ -1,7 +1,7 @@
 //! Calls in any order, with any numbers: a batch on a device tells what a batch on the host tells.
 
 use super::{alike, difference, emulated};
-use crate::{Device, DeviceAdjoint, DeviceEnv, DeviceTape};
+use crate::{Device, DeviceAdjoint, DeviceEnv, DeviceRows, DeviceTape};
 use base::error::Result;
 use tasks::env::{Adjoint, Cotangents, SweepOptions, Tape};
 use tasks::{ActionSpace, Buffers, Env, EnvConfig};
@@ -47,7 +47,7 @@ impl Beside {
 
     fn call(&mut self) -> Result<()> {
         let n = self.host.spec().n_env;
-        match self.next() % 20 {
+        match self.next() % 24 {
             0 | 1 => {
                 let which: Vec<bool> = (0..n).map(|_| self.next().is_multiple_of(3)).collect();
                 let seeds: Vec<u64> = (0..n).map(|_| self.next()).collect();
@@ -88,6 +88,39 @@ impl Beside {
                 state[k] += 0.25;
                 self.host.set_state(i, &state)?;
                 self.own.set_state(i, &state)?;
+            }
+            9 => {
+                let which: Vec<u8> = (0..n).map(|_| u8::from(self.next().is_multiple_of(3))).collect();
+                let marked: Vec<bool> = which.iter().map(|own| *own == 1).collect();
+                let flags =
+                    DeviceRows::flags_of_other(self.own.device().kind(), which.as_ptr() as u64, vec![n], vec![1]);
+                let seeds: Vec<u64> = (0..n).map(|_| self.next()).collect();
+                let seeds = (self.next().is_multiple_of(2)).then_some(&seeds[..]);
+                self.host.reset(Some(&marked), seeds, &mut self.told.out())?;
+                self.own.reset_on(&flags, seeds)?;
+            }
+            10 => {
+                self.own.step(&self.actions)?;
+                self.own.step_again()?;
+                for _ in 0..2 {
+                    self.host.step(&self.actions, &mut self.told.out())?;
+                }
+            }
+            11 => {
+                let k = (self.next() % 3) as usize;
+                self.own.step(&self.actions)?;
+                self.host.step(&self.actions, &mut self.told.out())?;
+                match self.own.graph(k) {
+                    Ok(graph) => {
+                        for _ in 0..2 {
+                            self.own.replay(&graph)?;
+                        }
+                        for _ in 0..2 * k {
+                            self.host.step(&self.actions, &mut self.told.out())?;
+                        }
+                    }
+                    Err(why) => assert!(why.to_string().contains("task of a graph"), "{why}"),
+                }
             }
             _ => self.step()?,
         }

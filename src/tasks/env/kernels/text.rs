@@ -349,7 +349,8 @@ impl Writer<'_> {
         }
         text += "    if (!e.restart[i]) {\n";
         text += if core.sizes.normalised > 0 { "        e.seen[i] = 0;\n" } else { "" };
-        text += "        return;\n    }\n    e.episode[i] += 1u;\n";
+        // a caller's reset, which no gradient crosses
+        text += "        return;\n    }\n    if (!e.stops) e.moved[i] = 1;\n    e.episode[i] += 1u;\n";
         text += KEYS;
         text += &self.counted();
         for row in rows(layout.kept.history) {
