@@ -32,6 +32,12 @@ from ._core import (
     Certificate,
     Controller,
     Design,
+    DeviceAdjoint,
+    DeviceArray,
+    DeviceEnv,
+    DeviceGraph,
+    DeviceSweep,
+    DeviceTape,
     Estimates,
     Figure,
     Flight,
@@ -83,6 +89,7 @@ from ._core import (
     vehicles,
 )
 from ._law import ControlLaw, LawInput, Setpoint
+from ._make import make
 from ._number import Mask, Number, RecordingError, array, zeros
 from ._spec import Field, Space, Spec, Step
 from ._task import (
@@ -103,8 +110,6 @@ from ._task import (
     register,
 )
 
-make = VecEnv
-
 __all__ = [
     "Adjoint",
     "Allocation",
@@ -116,6 +121,12 @@ __all__ = [
     "ControlLaw",
     "Controller",
     "Design",
+    "DeviceAdjoint",
+    "DeviceArray",
+    "DeviceEnv",
+    "DeviceGraph",
+    "DeviceSweep",
+    "DeviceTape",
     "Ends",
     "Estimates",
     "Field",

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Final, SupportsFloat, SupportsIndex, final
 from typing_extensions import disjoint_base
 
-__all__ = ["__version__", "Adjoint", "Allocation", "AllocationFunction", "CFunction", "CModule", "CascadeParts", "Certificate", "Controller", "Design", "Draws", "Ends", "Estimates", "Figure", "Flight", "Forest", "Gate", "Goal", "Jacobian", "KalmanFilter", "Loop", "Loss", "MonteCarloRun", "Motion", "Mpc", "OptimalTrajectory", "Part", "Policy", "Progress", "RecoveryMap", "Regulator", "Robot", "Run", "StageQpSolution", "Start", "StateEstimator", "StateEstimatorBatch", "StateSpace", "SteadyKalman", "Sweep", "System", "Tape", "TrackPath", "Trim", "VecEnv", "Vehicle", "View", "Writer", "_carried", "_check_places", "_compute", "_constants", "_evaluation", "_fly_shard", "_is_recording", "_record", "_register", "_register_record", "_restore", "_restore_policy", "_restore_system", "_setting_keys", "_task_name", "_task_spec", "allocate", "attitude_error", "configurations", "design", "evaluate", "export_c", "export_onnx", "fly", "linearise", "load_policy", "lqg", "lqr", "monte_carlo", "optimise", "plot", "recipes", "recovery_map", "solve_stage_qp", "steady_kalman", "tasks", "train", "tune", "vehicles"]
+__all__ = ["__version__", "Adjoint", "Allocation", "AllocationFunction", "CFunction", "CModule", "CascadeParts", "Certificate", "Controller", "Design", "DeviceAdjoint", "DeviceArray", "DeviceEnv", "DeviceGraph", "DeviceSweep", "DeviceTape", "Draws", "Ends", "Estimates", "Figure", "Flight", "Forest", "Gate", "Goal", "Jacobian", "KalmanFilter", "Loop", "Loss", "MonteCarloRun", "Motion", "Mpc", "OptimalTrajectory", "Part", "Policy", "Progress", "RecoveryMap", "Regulator", "Robot", "Run", "StageQpSolution", "Start", "StateEstimator", "StateEstimatorBatch", "StateSpace", "SteadyKalman", "Sweep", "System", "Tape", "TrackPath", "Trim", "VecEnv", "Vehicle", "View", "Writer", "_carried", "_check_places", "_compute", "_constants", "_evaluation", "_fly_shard", "_give_back", "_is_recording", "_record", "_register", "_register_record", "_restore", "_restore_on_device", "_restore_policy", "_restore_system", "_setting_keys", "_task_name", "_task_spec", "allocate", "attitude_error", "configurations", "design", "evaluate", "export_c", "export_onnx", "fly", "linearise", "load_policy", "lqg", "lqr", "monte_carlo", "optimise", "plot", "recipes", "recovery_map", "solve_stage_qp", "steady_kalman", "tasks", "train", "tune", "vehicles"]
 
 __version__: Final[str]
 
@@ -347,6 +347,353 @@ class Design:
     def trim(self, /) -> Trim:
         """
         The steady flight, and the linear model of the plant alone.
+        """
+
+@final
+class DeviceAdjoint:
+    """
+    The adjoint of one step of a task on a device: `DeviceEnv.adjoint` makes it.
+    """
+    @property
+    def n_carried(self, /) -> int:
+        """
+        Numbers that go from step to step: physics, memory of the task, delay line, history.
+        """
+    def sweep(self, /, decay: SupportsFloat | SupportsIndex = 1.0, clip: SupportsFloat | SupportsIndex = ...) -> DeviceSweep:
+        """
+        A sweep that begins behind any step of a tape, with nothing carried: see `Adjoint.sweep`.
+        """
+
+@final
+class DeviceArray:
+    """
+    Numbers of an environment where they lie on its device; the next step writes them anew.
+
+    `torch.from_dlpack(array)`, `cupy.from_dlpack(array)` and `jax.dlpack.from_dlpack(array)` are views of the same memory, which stays as
+    long as one of them does. NVIDIA's array interface is there for CuPy and Numba. `array.numpy()` is a copy on the host.
+    """
+    def __array__(self, /, dtype: Any | None = None, copy: bool | None = None) -> Any:
+        """
+        As `numpy`.
+        """
+    @property
+    def __cuda_array_interface__(self, /) -> dict:
+        """
+        NVIDIA's array interface, version 3; arrays of the stand-in have none.
+        """
+    def __dlpack__(self, /, *, stream: SupportsIndex | None = None, max_version: tuple[SupportsIndex, SupportsIndex] | None = None, dl_device: tuple[SupportsIndex, SupportsIndex] | None = None, copy: bool | None = None) -> Any:
+        """
+        A capsule of DLPack. Work of `stream`, the consumer's, waits for what was asked for so far; later steps do not wait for it.
+        """
+    def __dlpack_device__(self, /) -> tuple[int, int]:
+        """
+        Kind and number of the device, as DLPack counts them; for the stand-in those of the host.
+        """
+    def __len__(self, /) -> int: ...
+    def __repr__(self, /) -> str: ...
+    @property
+    def device(self, /) -> str:
+        """
+        Where it lies: "cuda:0"; "emulated" is the host in place of a card.
+        """
+    @property
+    def dtype(self, /) -> Any:
+        """
+        A `numpy.dtype`: float32, or bool.
+        """
+    def numpy(self, /) -> Any:
+        """
+        A copy on the host, when what was asked for before is done.
+        """
+    @property
+    def shape(self, /) -> tuple:
+        """
+        Numbers along each axis.
+        """
+    @property
+    def strides(self, /) -> tuple:
+        """
+        From one number to the next along each axis, in numbers.
+        """
+
+@final
+class DeviceEnv:
+    """
+    Many environments of one task on a device: E environments of A agents, with the episodes and the bits of a `VecEnv` of the same settings.
+
+    `make(name, num_envs, device="cuda")` makes them; settings are those of `VecEnv`. Arrays stay on the device and are the same objects
+    always: `DeviceArray`s, which others see by DLPack. A step is asked for and not waited for. Work goes to the default stream of the
+    card, or to `stream`; whoever reads arrays on another one orders the two.
+
+    Raises
+    ------
+    ValueError
+        For what `VecEnv` refuses; where there is no driver, no card or no compiler; for tasks with sensors, estimates and controllers that
+        actions correct, which the host alone has.
+    """
+    def __new__(cls, name: Any, /, num_envs: SupportsIndex | None = None, *, device: str = "cuda", config: Any | None = None, seed: Any | None = None, threads: SupportsIndex | None = None, **settings) -> DeviceEnv: ...
+    def __reduce__(self, /) -> tuple[Any, tuple]:
+        """
+        Pickles and copies are of the settings, the device's name and the exact state, with its observations.
+        """
+    def __repr__(self, /) -> str: ...
+    @property
+    def _kept_by_graphs(self, /) -> tuple[int, int]:
+        """
+        What a graph of PyTorch's keeps of these environments beside arrays, and later settings do not reach.
+        """
+    @property
+    def action(self, /) -> DeviceArray:
+        """
+        Actions that `step()` and graphs step with, [E, A, action]: write there.
+        """
+    def adjoint(self, /, parameters: bool = False) -> DeviceAdjoint:
+        """
+        The adjoint of a step as a kernel; with `parameters`, sweeps also give gradients by the physical numbers that differ between
+        environments.
+        """
+    @property
+    def central(self, /) -> DeviceArray:
+        """
+        State of the whole team for critics, [E, central].
+        """
+    def column(self, /, name: str) -> DeviceArray:
+        """
+        One column of `info`, [E]: "return", "success", "position_error".
+        """
+    @property
+    def config(self, /) -> dict:
+        """
+        All settings as a dict.
+        """
+    @property
+    def device(self, /) -> str:
+        """
+        Where they are: "cuda:0"; "emulated" is the host in place of a card.
+        """
+    @property
+    def device_name(self, /) -> str:
+        """
+        What the device calls itself.
+        """
+    @property
+    def final_central(self, /) -> DeviceArray:
+        """
+        The last central state of episodes that ended in the last step, [E, central]; other rows hold older numbers.
+        """
+    @property
+    def final_observation(self, /) -> DeviceArray:
+        """
+        The last observation of episodes that ended in the last step, [E, A, observation]; other rows hold older numbers.
+        """
+    def goals(self, /) -> Any:
+        """
+        The goal of every environment, a new NumPy array [E, goal].
+        """
+    def graph(self, /, n: SupportsIndex = 1) -> DeviceGraph:
+        """
+        `n` steps with what lies in `action`, as one piece of work for `replay`: small batches take less time to step than their kernels to be
+        asked for.
+        """
+    @property
+    def info(self, /) -> DeviceArray:
+        """
+        What the last step told of every episode, [E, column]; `spec.info` names the columns.
+        """
+    @property
+    def layout(self, /) -> dict:
+        """
+        Places among the arguments and results of a step by name, as slices: see `Jacobian.layout`.
+        """
+    def load(self, /, state: bytes) -> None:
+        """
+        Goes on from what `save` gave, here or on the host, to environments of the same settings.
+        """
+    @property
+    def num_envs(self, /) -> int:
+        """
+        Environments, E.
+        """
+    @property
+    def observation(self, /) -> DeviceArray:
+        """
+        Of the last step or reset, [E, A, observation].
+        """
+    def observe(self, /) -> DeviceArray:
+        """
+        Writes what the environments look like now and returns the observations; nothing moves on.
+        """
+    def on_host(self, /) -> VecEnv:
+        """
+        The same environments on the host, as they are now: a `VecEnv` that goes its own way from here.
+        """
+    @property
+    def privileged(self, /) -> DeviceArray:
+        """
+        The physical numbers that differ between environments, [E, number], SI; `spec.privileged` names them.
+        """
+    def replay(self, /, graph: DeviceGraph) -> Any:
+        """
+        Steps as a graph does.
+        """
+    def reset(self, /, seed: Any | None = None, mask: Any | None = None) -> DeviceArray:
+        """
+        Begins episodes and returns the observations, [E, A, observation].
+
+        `seed` is one whole number or one per environment; `mask` chooses environments, bool [E], of NumPy or on the device. A mask on the device
+        waits for nothing, unless seeds are given, some have never begun, or steps are being recorded.
+        """
+    @property
+    def reward(self, /) -> DeviceArray:
+        """
+        Of the last step, [E, A]; the agents of an environment share one number.
+        """
+    @property
+    def safe_command(self, /) -> Any:
+        """
+        The command that an action stands for which is no number, a NumPy array [A * command].
+        """
+    def sample(self, /, draw: SupportsIndex, out: Any | None = None) -> Any:
+        """
+        Random actions within their space, a NumPy array [E, A, action]: those of a `VecEnv` for the same draw.
+        """
+    def save(self, /) -> bytes:
+        """
+        The exact state of all environments as bytes, as those of `VecEnv.save`.
+        """
+    def set_difficulty(self, /, share: SupportsFloat | SupportsIndex) -> None:
+        """
+        From the next restarts on, episodes take this share of all randomisation, 0 to 1.
+        """
+    def set_state(self, /, environment: SupportsIndex, state: Any) -> None:
+        """
+        Overwrites the physical state of one environment, a NumPy array [state]; its episode goes on.
+        """
+    def set_statistics(self, /, count: SupportsFloat | SupportsIndex, mean: SupportsGetItem[int, SupportsFloat | SupportsIndex], variance: SupportsGetItem[int, SupportsFloat | SupportsIndex]) -> None:
+        """
+        Freezes other statistics, and collects none from now on.
+        """
+    @property
+    def spec(self, /) -> Any:
+        """
+        Names, sizes, units and bounds: a `Spec`.
+        """
+    @property
+    def state_names(self, /) -> list[str]:
+        """
+        Names of the columns of `states()`, with units.
+        """
+    def states(self, /) -> Any:
+        """
+        The physical state of every environment, a new NumPy array [E, state]; `state_names` names the columns.
+        """
+    @property
+    def statistics(self, /) -> tuple[float, Any, Any]:
+        """
+        Of the stage `normalise`: (count, mean, variance), without one of no numbers.
+        """
+    def step(self, /, actions: Any | None = None) -> Any:
+        """
+        One step of every environment; returns a `Step` of `DeviceArray`s, the same objects always.
+
+        `actions` are float32 [E, A, action] or [E, A * action]: on the device, where they are read in place, or of NumPy. Without, they are
+        what lies in `action`.
+        """
+    def step_recorded(self, /, actions: Any | None, tape: DeviceTape) -> Any:
+        """
+        As `step`, remembered by the tape.
+        """
+    @property
+    def stream(self, /) -> int:
+        """
+        The stream of the driver that work goes to, a handle: `torch.cuda.current_stream().cuda_stream`; 0 is the default one. It must live as
+        long as work goes to it.
+        """
+    @stream.setter
+    def stream(self, /, stream: SupportsIndex) -> None: ...
+    def synchronise(self, /) -> None:
+        """
+        Waits until all that was asked for is done.
+        """
+    def tape(self, /, horizon: SupportsIndex) -> DeviceTape:
+        """
+        Memory on the device for so many recorded steps.
+        """
+    @property
+    def terminated(self, /) -> DeviceArray:
+        """
+        Whether the task ended the episode in the last step, bool [E].
+        """
+    @property
+    def truncated(self, /) -> DeviceArray:
+        """
+        Whether the time of the episode was over in the last step, bool [E].
+        """
+    def update_normaliser(self, /) -> None:
+        """
+        Takes the statistics of all observations since the last call into the stage `normalise`, and freezes them.
+        """
+
+@final
+class DeviceGraph:
+    """
+    Steps of a `DeviceEnv` as one piece of work: `DeviceEnv.graph` makes it.
+    """
+    def __len__(self, /) -> int:
+        """
+        Steps.
+        """
+
+@final
+class DeviceSweep:
+    """
+    A reverse sweep over a tape on a device, step by step from the last to the first.
+    """
+    def add_carried(self, /, cotangents: Any) -> None:
+        """
+        Adds to what is carried, a NumPy array [E, carried], between pulls.
+        """
+    def carried(self, /) -> Any:
+        """
+        Cotangents of what the environments carried into the last step pulled, a new NumPy array [E, carried]: physics first.
+        """
+    @property
+    def dropped(self, /) -> int:
+        """
+        Gradients that were not finite and became zero, environments times steps.
+        """
+    def parameters(self, /) -> Any:
+        """
+        Gradients by the physical numbers that differ between environments, summed over all steps pulled, a new NumPy array [E, number]; no
+        columns unless the adjoint was made with parameters.
+        """
+    def pull(self, /, tape: DeviceTape, t: SupportsIndex, *, observation: Any | None = None, reward: Any | None = None, loss: Any | None = None, central: Any | None = None, final_observation: Any | None = None, final_central: Any | None = None, final_carried: Any | None = None) -> DeviceArray:
+        """
+        Pulls cotangents on the device back through step `t` of a tape and returns those of its actions, [E, A * command], which lie there and
+        change with the next pull. What they are: see `Sweep.pull`.
+        """
+    def restart(self, /) -> None:
+        """
+        Begins again behind any step, with nothing carried.
+        """
+
+@final
+class DeviceTape:
+    """
+    What `DeviceEnv.step_recorded` remembers of up to so many steps, on the device.
+    """
+    def __len__(self, /) -> int:
+        """
+        Steps recorded.
+        """
+    def clear(self, /) -> None:
+        """
+        Forgets all steps and keeps the memory.
+        """
+    @property
+    def horizon(self, /) -> int:
+        """
+        Steps that fit.
         """
 
 @final
@@ -1049,7 +1396,8 @@ class Policy:
     @property
     def config(self, /) -> dict:
         """
-        Settings of the environments that it was trained in: `make(policy.task, 1, config=policy.config)` shows what it expects.
+        Settings of the environments that it was trained in: `make(policy.task, 1, config=policy.config, stagger=False)` shows what it
+        expects. Learners stagger first episodes, which then end early.
         """
     def parameters(self, /) -> Any:
         """
@@ -2120,6 +2468,11 @@ class VecEnv:
         """
         All settings as a dict: what another environment is made of, `make(env.spec.task, config=env.config)`.
         """
+    @property
+    def device(self, /) -> str:
+        """
+        Where they are: "cpu". `DeviceEnv` is elsewhere.
+        """
     def evaluate(self, /, arguments: SupportsGetItem[int, SupportsFloat | SupportsIndex]) -> Any:
         """
         The results of one step in float64, [result], for arguments as in `Jacobian.arguments`.
@@ -2159,7 +2512,7 @@ class VecEnv:
         """
     def load(self, /, state: bytes) -> None:
         """
-        Goes on from what `save` gave to environments of the same settings; `observe()` then shows it.
+        Goes on from what `save` gave to environments of the same settings, and shows what they look like.
         """
     @property
     def num_envs(self, /) -> int:
@@ -2174,7 +2527,7 @@ class VecEnv:
     def observe(self, /) -> Any:
         """
         Writes what the environments look like now and returns the observations; nothing moves on. For observations behind
-        `load`, `set_state`, `set_statistics` and `update_normaliser`.
+        `set_state`, `set_statistics` and `update_normaliser`.
         """
     @property
     def parameter_names(self, /) -> list[str]:
@@ -2525,6 +2878,11 @@ def _fly_shard(policy: Any, name: Any | None, num_envs: SupportsIndex, first_env
     The episodes of a shard of an evaluation, for `_evaluation`.
     """
 
+def _give_back(address: SupportsIndex) -> None:
+    """
+    Gives back what a capsule of `DeviceArray.__dlpack__` held that nobody took.
+    """
+
 def _is_recording() -> bool:
     """
     Whether something is being recorded on this thread.
@@ -2548,6 +2906,11 @@ def _register_record(record: bytes) -> str:
 def _restore(task: str, config: str, seed: SupportsIndex, threads: SupportsIndex | None, ring: SupportsIndex, state: bytes, record: bytes | None = None) -> VecEnv:
     """
     What `VecEnv.__reduce__` took apart.
+    """
+
+def _restore_on_device(task: str, config: str, seed: SupportsIndex, device: str, state: bytes, record: bytes | None = None) -> DeviceEnv:
+    """
+    What `DeviceEnv.__reduce__` took apart.
     """
 
 def _restore_policy(task: str, config: str, parameters: Any, statistics: tuple[SupportsFloat | SupportsIndex, SupportsGetItem[int, SupportsFloat | SupportsIndex], SupportsGetItem[int, SupportsFloat | SupportsIndex]] | None, record: bytes | None = None) -> Policy:
@@ -2829,7 +3192,7 @@ def plot(curves: dict, /, *, title: str = "", x: str = "", y: str = "", log_x: b
         Logarithmic axes; what is not positive leaves a gap there.
     """
 
-def recipes(task: str) -> list[str]:
+def recipes(task: Any) -> list[str]:
     """
     Names of the algorithms that have a recipe for a task, the usual one first.
     """

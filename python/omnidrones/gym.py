@@ -1,7 +1,7 @@
 """Gymnasium: one environment (`Env`), many (`VectorEnv`), and their ids: `gymnasium.make_vec("omnidrones:Hover-v0", 4096)`.
 
 A team is seen and acts as one: observations and actions of its agents follow each other, [A * observation] and [A * action].
-`omnidrones.pettingzoo` keeps them apart.
+`omnidrones.pettingzoo` keeps them apart. With `device="cuda"` all arrays of a `VectorEnv` are tensors of PyTorch on that card.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from . import _core
-from ._spec import Spec, Step
+from ._make import make
+from ._spec import Spec
 from ._task import Task
 
 HAS_BATCHES = hasattr(gymnasium.vector, "AutoresetMode")
@@ -101,7 +102,7 @@ if HAS_BATCHES:
         AutoresetMode.DISABLED: "disabled",
     }
 
-    class VectorEnv(gymnasium.vector.VectorEnv[NDArray[np.float32], Any, NDArray[Any]]):
+    class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         """Many environments of a task, under all three of Gymnasium's autoreset modes.
 
         Parameters
@@ -118,6 +119,9 @@ if HAS_BATCHES:
             Whether infos have the columns of `Spec.info`.
         max_episode_steps : int, optional
             The task's `horizon`.
+        device : str, optional
+            "cuda": the environments are on that card, and what is returned are tensors of PyTorch there, actions and `reset_mask` too.
+            `final_obs` and `final_info` are told in every step then, ended or not. Gymnasium's own wrappers are for arrays of NumPy.
         **settings
             Those of `omnidrones.make`.
         """
@@ -131,6 +135,7 @@ if HAS_BATCHES:
             info: str = "columns",
             render_mode: None = None,
             max_episode_steps: int | None = None,
+            device: Any = None,
             **settings: Any,
         ) -> None:
             if info not in ("columns", "none"):
@@ -138,18 +143,25 @@ if HAS_BATCHES:
             mode = AutoresetMode(autoreset_mode)
             if max_episode_steps is not None:
                 settings["horizon"] = max_episode_steps
-            self.batch = _core.VecEnv(name, num_envs, autoreset=_SETTING[mode], **settings)
+            self.num_envs = num_envs
+            self.batch = make(name, num_envs, device=device, autoreset=_SETTING[mode], **settings)
             spec = self.batch.spec
+            # on a device tensors, else arrays of NumPy
+            self._tensors: Any = None
+            if isinstance(self.batch, _core.DeviceEnv):
+                from .torch import TensorEnv
+
+                self._tensors = TensorEnv(self.batch)
             self.autoreset_mode = mode
             self.metadata = {"render_modes": [], "autoreset_mode": mode}
-            self.num_envs, self.render_mode, self.copy = num_envs, render_mode, copy
+            self.render_mode, self.copy = render_mode, copy
             self.single_observation_space, self.single_action_space = team_spaces(spec)
             self.observation_space = batch_space(self.single_observation_space, num_envs)
             self.action_space = batch_space(self.single_action_space, num_envs)
             self._action = np.zeros((num_envs, spec.n_agent * spec.n_action), np.float32)
             self._names = spec.info if info == "columns" else ()
-            self._told: dict[str, Any] = {"_" + column: np.ones(num_envs, np.bool_) for column in self._names}
-            self._seen: list[tuple[Step, tuple[Any, ...]]] = []
+            self._told: dict[str, Any] = {"_" + column: self._all() for column in self._names}
+            self._seen: list[tuple[Any, tuple[Any, ...]]] = []
             self._seeded = settings.get("seed") is not None
 
         def reset(
@@ -166,33 +178,60 @@ if HAS_BATCHES:
             if seed is None and not self._seeded:
                 seed = int(self.np_random.integers(2**63))
             self._seeded = True
-            observation = self.batch.reset(seed, (options or {}).get("reset_mask")).reshape(self.num_envs, -1)
-            return (observation.copy() if self.copy else observation), {}
+            arrays = self._tensors or self.batch
+            observation = arrays.reset(seed, (options or {}).get("reset_mask")).reshape(self.num_envs, -1)
+            return (self._own(observation) if self.copy else observation), {}
 
-        def step(
-            self, actions: Any
-        ) -> tuple[NDArray[np.float32], NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
+        def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
             """One step of every environment."""
             self._check_open()
-            if type(actions) is not np.ndarray or actions.dtype != np.float32 or not actions.flags.c_contiguous:
-                self._action[:] = np.asarray(actions).reshape(self._action.shape)
-                actions = self._action
-            observation, reward, terminated, truncated, final, info, infos = self._views(self.batch.step(actions))
+            step = self._stepped_there(actions) if self._tensors else self.batch.step(self._as_rows(actions))
+            observation, reward, terminated, truncated, final, info, infos = self._views(step)
             if self.copy:
-                observation, reward = observation.copy(), reward.copy()
-                terminated, truncated = terminated.copy(), truncated.copy()
-                infos = self._told | dict(zip(self._names, info.copy()))
+                observation, reward = self._own(observation), self._own(reward)
+                terminated, truncated = self._own(terminated), self._own(truncated)
+                infos = self._told | dict(zip(self._names, self._own(info)))
             else:
                 infos = infos.copy()
             if self.autoreset_mode is AutoresetMode.SAME_STEP:
                 over = terminated | truncated
-                if over.any():
+                # to ask a card would be to wait for it
+                if self._tensors or over.any():
                     told = {name: infos[name] for name in self._names} | dict.fromkeys(self._told, over)
-                    infos |= {"final_obs": final.copy() if self.copy else final, "_final_obs": over}
+                    infos |= {"final_obs": self._own(final) if self.copy else final, "_final_obs": over}
                     infos |= {"final_info": told, "_final_info": over}
             return observation, reward, terminated, truncated, infos
 
-        def _views(self, step: Step) -> tuple[Any, ...]:
+        def _own(self, view: Any) -> Any:
+            """The caller's own."""
+            if not self._tensors:
+                return view.copy()
+            import torch
+
+            return view.clone(memory_format=torch.contiguous_format)
+
+        def _all(self) -> Any:
+            """True for every environment."""
+            if not self._tensors:
+                return np.ones(self.num_envs, np.bool_)
+            import torch
+
+            return torch.ones(self.num_envs, dtype=torch.bool, device=self._tensors.device)
+
+        def _as_rows(self, actions: Any) -> NDArray[np.float32]:
+            if type(actions) is np.ndarray and actions.dtype == np.float32 and actions.flags.c_contiguous:
+                return actions
+            self._action[:] = np.asarray(actions).reshape(self._action.shape)
+            return self._action
+
+        def _stepped_there(self, actions: Any) -> Any:
+            import torch
+
+            if not isinstance(actions, torch.Tensor):
+                actions = torch.as_tensor(np.asarray(actions, np.float32), device=self._tensors.device)
+            return self._tensors.step(actions)
+
+        def _views(self, step: Any) -> tuple[Any, ...]:
             """Arrays of a step as Gymnasium has them, made once for each of those that take turns."""
             for kept, views in self._seen:
                 if kept is step:
@@ -203,7 +242,7 @@ if HAS_BATCHES:
                 step.reward[:, 0],
                 step.terminated,
                 step.truncated,
-                self.batch.final_observation.reshape(self.num_envs, -1),
+                (self._tensors or self.batch).final_observation.reshape(self.num_envs, -1),
                 info,
                 self._told | dict(zip(self._names, info)),
             )

@@ -12,7 +12,7 @@ use omnidrones::layers::Layer;
 use omnidrones::parallel::Threads;
 use omnidrones::tasks::registry::{self, TaskEntry};
 use omnidrones::tasks::written::TaskRecord;
-use omnidrones::tasks::{Env, EnvConfig, Statistics, StepOut};
+use omnidrones::tasks::{Env, EnvConfig, Spec, Statistics, StepOut};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyInt, PyTuple};
@@ -138,6 +138,33 @@ pub fn config_of(
     Ok(config)
 }
 
+/// Names, sizes, units and bounds, as Python has them.
+pub fn python_spec(py: Python<'_>, spec: &Spec) -> PyResult<Py<PyAny>> {
+    Ok(py.import("omnidrones")?.getattr("Spec")?.call_method1("of_json", (spec.to_json(),))?.unbind())
+}
+
+/// All settings but the seed: TOML has no whole numbers from 2^63 on, seeds are.
+pub fn settings_of(spec: &Spec) -> PyResult<Table> {
+    Table::try_from(EnvConfig { seed: 0, ..spec.config.clone() }).map_err(crate::error::unexpected)
+}
+
+/// The place of a column of information.
+pub fn column_of(spec: &Spec, name: &str) -> PyResult<usize> {
+    let known = || spec.info.iter().map(|info| info.name.clone()).collect();
+    let unknown = || Error::Unknown { kind: "column", name: name.into(), known: known() };
+    spec.info_column(name).ok_or_else(unknown).or_raise()
+}
+
+/// Statistics as Python has them: count, mean, variance.
+pub fn statistics_of<'py>(
+    py: Python<'py>,
+    statistics: &Statistics,
+) -> PyResult<(f64, Bound<'py, PyAny>, Bound<'py, PyAny>)> {
+    let Statistics { count, mean, variance } = statistics;
+    let own = |numbers: &Vec<f64>| array(py, numbers.clone(), &[numbers.len()]);
+    Ok((*count, own(mean)?, own(variance)?))
+}
+
 impl VecEnv {
     /// Environments of a configuration that is whole.
     fn made(
@@ -164,10 +191,9 @@ impl VecEnv {
         let spec = env.spec();
         let layout = Layout::of(spec);
         let slots = (0..ring).map(|_| Slot::new(py, &layout)).collect::<PyResult<Vec<_>>>()?;
-        let python = py.import("omnidrones")?.getattr("Spec")?.call_method1("of_json", (spec.to_json(),))?.unbind();
+        let python = python_spec(py, spec)?;
         let action = [spec.n_env, spec.n_agent, spec.action.len()];
-        // TOML has no whole numbers from 2^63 on, seeds are
-        let config = Table::try_from(EnvConfig { seed: 0, ..spec.config.clone() }).map_err(crate::error::unexpected)?;
+        let config = settings_of(spec)?;
         Ok(Self { config, record, threads: n_thread, layout, action, slots, at: 0, spec: python, env })
     }
 
@@ -236,6 +262,12 @@ impl VecEnv {
         self.n_env()
     }
 
+    /// Where they are: "cpu". `DeviceEnv` is elsewhere.
+    #[getter]
+    fn device(&self) -> &'static str {
+        "cpu"
+    }
+
     /// All settings as a dict: what another environment is made of, `make(env.spec.task, config=env.config)`.
     #[getter]
     fn config<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
@@ -262,12 +294,7 @@ impl VecEnv {
     ) -> PyResult<Py<PyAny>> {
         let n = self.n_env();
         let which = mask.map(|mask| flags("mask", mask, n)).transpose()?;
-        let one = |given: &Bound<'_, PyAny>| {
-            let single =
-                given.is_instance_of::<PyInt>() || given.getattr("ndim").is_ok_and(|n| n.eq(0).unwrap_or(false));
-            if single { seed_of(given).map(|seed| vec![seed; n]) } else { seeds_of(given) }
-        };
-        let seeds = seed.map(one).transpose()?;
+        let seeds = seed.map(|seed| seeds_for(seed, n)).transpose()?;
         // rows that are not reset stay: they are in the arrays of now
         let at = if which.is_some() { self.at } else { self.next() };
         self.on_arrays(py, at, |env, out| env.reset(which.as_deref(), seeds.as_deref(), out))?;
@@ -356,7 +383,7 @@ impl VecEnv {
     }
 
     /// Writes what the environments look like now and returns the observations; nothing moves on. For observations behind
-    /// `load`, `set_state`, `set_statistics` and `update_normaliser`.
+    /// `set_state`, `set_statistics` and `update_normaliser`.
     fn observe(&mut self, py: Python<'_>) -> PyResult<Py<PyAny>> {
         self.on_arrays(py, self.at, |env, out| env.observe(out))?;
         Ok(self.view(py, 0))
@@ -418,10 +445,7 @@ impl VecEnv {
 
     /// One column of `info`, [E]: "return", "success", "position_error".
     fn column<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyAny>> {
-        let spec = self.env.spec();
-        let known = || spec.info.iter().map(|info| info.name.clone()).collect();
-        let unknown = || Error::Unknown { kind: "column", name: name.into(), known: known() };
-        let k = spec.info_column(name).ok_or_else(unknown).or_raise()?;
+        let k = column_of(self.env.spec(), name)?;
         let all = pyo3::types::PySlice::full(py);
         self.slots[self.at].views[8].bind(py).get_item((all, k))
     }
@@ -515,9 +539,7 @@ impl VecEnv {
     /// Of the stage `normalise`: (count, mean, variance), without one of no numbers.
     #[getter]
     fn statistics<'py>(&self, py: Python<'py>) -> PyResult<(f64, Bound<'py, PyAny>, Bound<'py, PyAny>)> {
-        let Statistics { count, mean, variance } = self.env.statistics();
-        let own = |numbers: &Vec<f64>| array(py, numbers.clone(), &[numbers.len()]);
-        Ok((*count, own(mean)?, own(variance)?))
+        statistics_of(py, self.env.statistics())
     }
 
     /// Freezes other statistics, and collects none from now on.
@@ -577,10 +599,12 @@ impl VecEnv {
         PyBytes::new(py, &py.detach(|| self.env.save()))
     }
 
-    /// Goes on from what `save` gave to environments of the same settings; `observe()` then shows it.
+    /// Goes on from what `save` gave to environments of the same settings, and shows what they look like.
     fn load(&mut self, py: Python<'_>, state: &[u8]) -> PyResult<()> {
         let env = &mut self.env;
-        py.detach(|| env.load(state)).or_raise()
+        py.detach(|| env.load(state)).or_raise()?;
+        // before the first reset nothing is seen
+        if self.env.is_started() { self.observe(py).map(drop) } else { Ok(()) }
     }
 
     /// Pickles and copies are of the settings and the exact state, with its observations.
@@ -627,12 +651,15 @@ pub fn _restore(
     // by value: a class of this name may be another one here
     record.map(task::_register_record).transpose()?;
     let mut env = VecEnv::made(py, registry::by_name(task).or_raise()?, &config, threads, ring)?;
+    // rewards, flags and info are those of a step, of which there was none yet
     env.load(py, state)?;
-    // rewards, flags and info are those of a step, of which there was none yet; before the first reset nothing is seen either
-    if env.env.is_started() {
-        env.observe(py)?;
-    }
     Ok(env)
+}
+
+/// Seeds of a reset: one for all, or one for each.
+pub fn seeds_for(given: &Bound<'_, PyAny>, n: usize) -> PyResult<Vec<u64>> {
+    let single = given.is_instance_of::<PyInt>() || given.getattr("ndim").is_ok_and(|n| n.eq(0).unwrap_or(false));
+    if single { seed_of(given).map(|seed| vec![seed; n]) } else { seeds_of(given) }
 }
 
 fn seeds_of(given: &Bound<'_, PyAny>) -> PyResult<Vec<u64>> {

@@ -6,6 +6,7 @@
 //! | `settings` | dicts, files and keywords as layers of settings |
 //! | `error` | errors as exceptions; work that Python may interrupt |
 //! | `batch` | many environments: `VecEnv` |
+//! | `device` | many environments on a GPU: `DeviceEnv` |
 //! | `gradient` | tapes, sweeps, Jacobians |
 //! | `system` | loops and allocations that are differentiated through many steps |
 //! | `law` | controllers written in Python, and the parts of the library's cascade |
@@ -29,6 +30,7 @@ mod batch;
 mod control;
 mod course;
 mod design;
+mod device;
 mod error;
 mod estimation;
 mod export;
@@ -58,6 +60,10 @@ mod _core {
     };
     #[pymodule_export]
     use super::design::{Design, Regulator, design, lqr};
+    #[pymodule_export]
+    use super::device::{
+        _give_back, _restore_on_device, DeviceAdjoint, DeviceArray, DeviceEnv, DeviceGraph, DeviceSweep, DeviceTape,
+    };
     #[pymodule_export]
     use super::estimation::{
         Estimates, KalmanFilter, StateEstimator, StateEstimatorBatch, SteadyKalman, lqg, steady_kalman,

@@ -9,6 +9,7 @@ use omnidrones::tasks::EnvConfig;
 use omnidrones::tasks::config::TILTING;
 use omnidrones::tasks::registry::TaskEntry;
 use pyo3::exceptions::PyTypeError;
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyList, PyMapping, PySequence, PyString};
 use std::path::{Path, PathBuf};
@@ -163,6 +164,11 @@ pub fn layers(
         }
         let names = of_task.get_or_insert(entry.setting_keys().or_raise()?);
         if !names.contains(&key) {
+            if key == "device" {
+                let told = "omnidrones.make, omnidrones.gym.VectorEnv and omnidrones.torchrl.Env take a device. All else steps on the \
+                            processor: leave it out.";
+                return Err(PyValueError::new_err(told));
+            }
             let known = names.iter().chain(&known).chain(foreign).cloned().collect();
             return Err(Error::Unknown { kind: "setting", name: key, known }).or_raise();
         }

@@ -11,6 +11,7 @@ import pytest
 EXAMPLES = Path(__file__).parent.parent / "examples"
 NEEDS = {
     "apg_torch": ("torch", ["3"]),
+    "ppo_torch": ("torch", ["70000"]),
     "sb3_ppo": ("stable_baselines3", ["2000"]),
     "ray_shards": ("ray", []),
     "slalom_task": (None, ["4", "2", "FIGURE"]),
