@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -20,10 +21,18 @@ class Env(EnvBase):
 
     Agents of a team follow each other in "observation" [E, A * observation] and "action" [E, A * action]; "reward" is that of the
     team, [E, 1]. TorchRL resets what is done, so that the last observation of an episode is seen. With `device="cuda"` environments and
-    tensors are on that card.
+    tensors are on that card. `columns=("success", "return")` tells columns of the information beside the observation, [E, 1] each.
     """
 
-    def __init__(self, name: str | type[Task], num_envs: int, *, device: Any = None, **settings: Any) -> None:
+    def __init__(
+        self,
+        name: str | type[Task],
+        num_envs: int,
+        *,
+        device: Any = None,
+        columns: Sequence[str] = (),
+        **settings: Any,
+    ) -> None:
         self.batch = make(name, num_envs, device=device, autoreset="disabled", **settings)
         self.tensors = TensorEnv(self.batch)
         there = self.tensors.device
@@ -34,6 +43,10 @@ class Env(EnvBase):
         self.observation_spec = Composite(
             observation=Bounded(low=low, high=high, shape=low.shape, dtype=torch.float32, device=there), shape=(e,), device=there
         )
+        self._columns = tuple(columns)
+        for column in self._columns:
+            self.batch.column(column)  # refuses one that is not there
+            self.observation_spec[column] = Unbounded((e, 1), dtype=torch.float32, device=there)
         n, action = spec.n_agent * spec.n_action, spec.action
         if action.kind == "box":
             self.action_spec = Bounded(action.low, action.high, (e, n), dtype=torch.float32, device=there)
@@ -47,8 +60,9 @@ class Env(EnvBase):
         self._next_seed: int | None = None
         self._seeded = settings.get("seed") is not None
 
-    def _observed(self) -> torch.Tensor:
-        return _own(self.tensors.observation.reshape(self.batch.num_envs, -1))
+    def _observed(self) -> dict[str, torch.Tensor]:
+        told = {column: _own(self.tensors.column(column))[:, None] for column in self._columns}
+        return {"observation": _own(self.tensors.observation.reshape(self.batch.num_envs, -1)), **told}
 
     def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: Any) -> TensorDictBase:
         which = None if tensordict is None else tensordict.get("_reset", None)
@@ -59,16 +73,15 @@ class Env(EnvBase):
         self._seeded = True
         self.tensors.reset(seed, None if which is None or seed is not None else which.reshape(-1))
         done = torch.zeros(self.batch.num_envs, 1, dtype=torch.bool, device=self.device)
-        told = {"observation": self._observed(), "done": done, "terminated": done.clone(), "truncated": done.clone()}
-        return TensorDict(told, self.batch_size, device=self.device)
+        flags = {"done": done, "terminated": done.clone(), "truncated": done.clone()}
+        return TensorDict(self._observed() | flags, self.batch_size, device=self.device)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         step = self.tensors.step(tensordict["action"].reshape(self.batch.num_envs, -1))
         terminated, truncated = (x.clone()[:, None] for x in (step.terminated, step.truncated))
         reward = _own(step.reward[:, :1])
-        told = {"observation": self._observed(), "reward": reward, "done": terminated | truncated}
-        told |= {"terminated": terminated, "truncated": truncated}
-        return TensorDict(told, tensordict.shape, device=self.device)
+        told = {"reward": reward, "done": terminated | truncated, "terminated": terminated, "truncated": truncated}
+        return TensorDict(self._observed() | told, tensordict.shape, device=self.device)
 
     def _set_seed(self, seed: int | None) -> None:
         self._next_seed = seed

@@ -185,7 +185,8 @@ def test_torchrls_environment_on_a_device_is_that_of_the_host(how):
     from omnidrones.torchrl import Env
 
     check_env_specs(Env("Hover", 4, device="emulated", **how))
-    own, host = (Env("Hover", 3, device=device, horizon=20, seed=5, **how) for device in ("emulated", None))
+    how |= {"horizon": 20, "seed": 5, "columns": ("success", "return")}
+    own, host = (Env("Hover", 3, device=device, **how) for device in ("emulated", None))
 
     def acted(td):
         torch.manual_seed(int(td["observation"].abs().sum() * 1e3) % 2**31)
@@ -193,7 +194,7 @@ def test_torchrls_environment_on_a_device_is_that_of_the_host(how):
 
     rows = [env.rollout(50, policy=acted, break_when_any_done=False) for env in (own, host)]
     assert rows[0]["next", "done"].any()
-    for key in ["observation", ("next", "observation"), ("next", "reward"), ("next", "done"), ("next", "terminated")]:
+    for key in ["observation", ("next", "observation"), ("next", "success"), ("next", "return"), ("next", "reward"), ("next", "done"), ("next", "terminated")]:
         assert torch.equal(rows[0][key], rows[1][key]), key
 
 

@@ -42,3 +42,18 @@ def test_a_class_of_ones_own_passes_its_checker():
     check_env_specs(Env(Climb, 4))
     rows = [env.rollout(5, policy=lambda td: td.set("action", torch.full((3, 4), -0.41))) for env in (Env(Climb, 3, seed=2), Env("Climb", 3, seed=2))]
     assert torch.equal(rows[0]["next", "observation"], rows[1]["next", "observation"])
+
+
+def test_columns_of_the_information_are_told_by_name():
+    env = Env("Hover", 3, horizon=20, columns=("return", "position_error"))
+    check_env_specs(env)
+    env.set_seed(5)
+    rows = env.rollout(30, policy=lambda td: td.set("action", torch.full((3, 4), -0.41)), break_when_any_done=False)
+    batch = omnidrones.make("Hover", 3, horizon=20, autoreset="same_step")
+    batch.reset(5)
+    for t in range(30):
+        batch.step(np.full((3, 1, 4), -0.41, np.float32))
+        for name in ("return", "position_error"):
+            assert np.array_equal(batch.column(name), rows["next", name][:, t, 0].numpy())
+    with pytest.raises(ValueError, match="column"):
+        Env("Hover", 3, columns=("retrun",))
